@@ -55,7 +55,7 @@ def test_adaptive_loop_has_smaller_error_with_a_worn_valve_than_fixed_loop() -> 
 
 @pytest.mark.parametrize("valve", [SOUND, WORN], ids=["sound", "worn"])
 @pytest.mark.parametrize("step_deg", [-30.0, 2.0, 10.0])
-def test_steering_step_settles_without_a_limit_cycle(step_deg: float, valve) -> None:
+def test_steering_step_response_settles_without_a_limit_cycle(step_deg: float, valve) -> None:
     _, _, state = steer(AdaptiveLoop(), 120.0, valve)
     _, angles, _ = steer(AdaptiveLoop(), 12.0, valve, lambda t: radians(step_deg), state=state)
     response = np.degrees(angles)
@@ -70,7 +70,7 @@ def test_adaptive_loop_tracks_a_wearing_valve() -> None:
     assert [side.dead_band for side in state.sides] == pytest.approx(WORN[1], abs=0.3)
 
 
-def test_learned_valve_parameters_stay_bounded_with_a_stuck_sensor() -> None:
+def test_valve_parameter_estimates_stay_bounded_with_a_stuck_sensor() -> None:
     loop = AdaptiveLoop()
     _, _, state = steer(loop, 120.0, stuck=True)
     for side in state.sides:

@@ -14,7 +14,7 @@ LAWS = [Eso(), Eso(inner=Lqr(integral_m_s=None))]
 
 @pytest.mark.parametrize("speed", [1.2, -1.2, 3.0])
 @pytest.mark.parametrize("law", LAWS, ids=["stanley", "lqr"])
-def test_observer_removes_the_offset_caused_by_a_steering_bias(law: Eso, speed: float) -> None:
+def test_disturbance_observer_removes_the_offset_due_to_steering_bias(law: Eso, speed: float) -> None:
     bias = radians(2.0)
     d = drive(law, Bend(speed), 60.0, bias=bias)
     assert abs(d.offset[-100:].mean()) < 0.005
@@ -23,7 +23,7 @@ def test_observer_removes_the_offset_caused_by_a_steering_bias(law: Eso, speed: 
     assert atan(MACHINE.wheelbase_m * found) == pytest.approx(-bias, rel=0.1)
 
 
-def test_steering_bias_offset_remains_without_the_observer() -> None:
+def test_steering_bias_causes_an_offset_without_the_observer() -> None:
     assert abs(drive(Stanley(integral_per_m=0.0), Bend(1.2), 60.0, bias=radians(2.0)).offset[-100:].mean()) > 0.02
 
 

@@ -43,7 +43,7 @@ def laps(map_: LapMap, count: float, error=lambda lap, rest: rest, state: LapSta
 
 @pytest.mark.parametrize("smoothing", [1.0, 2.0, 4.0])
 @pytest.mark.parametrize("gain", [0.3, 0.5, 1.0])
-def test_residual_error_decreases_per_lap_as_theory_predicts(gain: float, smoothing: float) -> None:
+def test_residual_error_decreases_from_lap_to_lap_as_predicted(gain: float, smoothing: float) -> None:
     """By 1 - gain H, H the response of a Gaussian of that half-value width at the wavelength."""
     sigma = smoothing / (2 * (2 * log(2)) ** 0.5)
     H = exp(-2 * (pi * sigma * WAVES / LAP) ** 2)
@@ -73,7 +73,7 @@ def test_correction_map_decays_after_the_disturbance_disappears() -> None:
 
 
 @pytest.mark.parametrize(("share", "most"), [(1.0, 0.05), (0.5, 0.95), (0.0, 1.02)])
-def test_map_learns_only_corrections_that_repeat_every_lap(share: float, most: float) -> None:
+def test_correction_map_learns_only_corrections_that_repeat_every_lap(share: float, most: float) -> None:
     """Each lap wants `share` of the power of one pattern and the rest of a fresh one, of which none is taken over."""
     draw, map_ = np.random.default_rng(4), LapMap(guard=False)
     turn = np.arange(0.0, 1.0, STEP / LAP)
@@ -102,7 +102,7 @@ def test_correction_map_stays_within_its_bound() -> None:
     assert state.map_.max() == pytest.approx(0.3)
 
 
-def test_worse_map_is_replaced_by_the_best_map_during_the_lap() -> None:
+def test_worse_correction_map_is_replaced_by_the_best_one_during_a_lap() -> None:
     """From the third lap on the error is ten times that of the second, which was the best."""
 
     def error(lap: float, rest: float) -> float:
@@ -120,7 +120,7 @@ def test_worse_map_is_replaced_by_the_best_map_during_the_lap() -> None:
     assert later.learning, "a new lap"
 
 
-def test_lap_with_a_larger_error_does_not_change_the_map() -> None:
+def test_lap_with_a_larger_error_does_not_change_the_correction_map() -> None:
     state, _ = laps(LapMap(), 3.0, lambda lap, rest: 0.05 if lap < 2 else 0.09)
     kept = state.best.copy()
     state, _ = laps(LapMap(), 0.1, lambda lap, rest: 0.05, state, 3.0 * LAP)
@@ -141,7 +141,7 @@ def test_learning_without_a_guard_continues_despite_growing_errors() -> None:
     assert np.abs(state.map_).max() > 0.05
 
 
-def test_incomplete_lap_is_not_evaluated() -> None:
+def test_incomplete_lap_does_not_change_the_correction_map() -> None:
     state, _ = laps(LapMap(), 0.5, begin=0.5 * LAP)
     state, _ = laps(LapMap(), 0.1, state=state, begin=LAP)
     assert not state.map_.any()
@@ -163,7 +163,7 @@ def test_lap_ends_where_the_heading_repeats(path, lap: float) -> None:
     assert SampledRoute(path).lap() == pytest.approx(lap, abs=0.16)
 
 
-def test_two_passes_of_a_field_form_one_lap() -> None:
+def test_two_field_passes_in_opposite_directions_form_one_lap() -> None:
     path = Swaths(length_m=30.0, swath_m=3.0, count=6, run_in_m=5.0)
     lap, route = SampledRoute(path).lap(), SampledRoute(path)
     assert lap == pytest.approx(2 * (30.0 + (path.passes_s[1][1] - path.passes_s[0][1] - 30 / 1.2)), abs=8.0)
@@ -172,7 +172,7 @@ def test_two_passes_of_a_field_form_one_lap() -> None:
     assert abs(there.x - here.x) + abs(there.y - here.y) == pytest.approx(6.0, abs=0.1)
 
 
-def test_law_with_empty_map_equals_the_inner_law() -> None:
+def test_law_with_an_empty_correction_map_equals_its_inner_law() -> None:
     alone, inside = drive(Lqr(), Bend(1.2, 0.1), 10.0), drive(Ilc(inner=Lqr()), Bend(1.2, 0.1), 10.0)
     assert np.array_equal(alone.offset, inside.offset)
     assert alone.commands == inside.commands
@@ -188,7 +188,7 @@ def test_law_with_empty_map_equals_the_inner_law() -> None:
         pytest.param(Ilc(), id="LQR"),
     ],
 )
-def test_steering_bias_is_learned_by_the_map(law: Ilc) -> None:
+def test_correction_map_learns_to_compensate_for_a_steering_bias(law: Ilc) -> None:
     d = drive(law, FigureEight(radius_m=6.0, straight_m=12.0, run_in_m=6.0, turns=6), 380.0, bias=radians(2.0))
     names = [column.name for column in law.columns]
     learned, feedback = (
@@ -212,7 +212,7 @@ EIGHT = {
 }
 
 
-def test_learned_values_initialise_the_next_run(tmp_path) -> None:
+def test_values_learned_in_a_run_can_initialise_the_next_run(tmp_path) -> None:
     keys = {**EIGHT, "path.turns": 1, "path.run_in_m": 0, "steering.loop.kind": "adaptive"}
     log = run(load_scenario("figure_eight", keys))
     write_log(log, tmp_path / "first")
@@ -240,7 +240,7 @@ def test_learned_values_initialise_the_next_run(tmp_path) -> None:
 
 
 @pytest.mark.parametrize("law", ["ilc", "implement_ilc"])
-def test_initial_file_without_a_map_is_rejected(law: str, tmp_path) -> None:
+def test_initial_file_without_a_correction_map_is_rejected(law: str, tmp_path) -> None:
     with pytest.raises(ScenarioError, match=r"guidance.file: none.parquet: no such file"):
         load_scenario("circle", {"guidance.kind": law, "guidance.file": str(tmp_path / "none.parquet")})
     log = run(load_scenario("circle", {"plant.kind": "bicycle", "steering.loop.kind": "adaptive", "duration_s": 0.1}))
@@ -253,7 +253,7 @@ def test_initial_file_without_a_map_is_rejected(law: str, tmp_path) -> None:
         load_scenario("circle", {"guidance.kind": law, "guidance.file": str(tmp_path / "signals.parquet")})
 
 
-def test_implement_receiver_without_an_implement_is_rejected() -> None:
+def test_receiver_on_an_implement_is_rejected_without_an_implement() -> None:
     with pytest.raises(ScenarioError, match=r"sensors.implement_gnss: the scenario has no implement"):
         load_scenario("circle", {"sensors.implement_gnss.enabled": True})
 
@@ -261,7 +261,7 @@ def test_implement_receiver_without_an_implement_is_rejected() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("smoothing", [1.0, 0.6])
 @pytest.mark.parametrize("loop", ["pid", "adaptive"])
-def test_divergence_from_unstable_settings_is_stopped_within_a_lap(smoothing: float, loop: str) -> None:
+def test_errors_with_unstable_learning_settings_stay_below_30_cm(smoothing: float, loop: str) -> None:
     keys = {
         "guidance.map.gain": 0.7,
         "guidance.map.smoothing_m": smoothing,

@@ -55,7 +55,7 @@ def _follow_circle(law, turn: str, seconds: float = 60.0) -> tuple[LearnedState,
     return state, feedback
 
 
-def test_kinematic_angle_is_learned_on_a_circle_and_feedback_vanishes() -> None:
+def test_feedforward_learns_the_kinematic_angle_and_feedback_vanishes() -> None:
     state, feedback = _follow_circle(LAW, "left")
     assert np.mean(np.abs(feedback[-100:])) < 0.05 * np.max(np.abs(feedback))
     sideslip = np.arcsin(MACHINE.cg_to_rear_axle / 10)
@@ -96,7 +96,7 @@ def test_feedforward_is_not_learned_while_learning_is_inhibited(situation: Situa
     assert state.feedback != 0
 
 
-def test_learned_feedforward_is_applied_while_learning_is_off() -> None:
+def test_learned_feedforward_is_applied_while_learning_is_inhibited() -> None:
     state = _drive(LAW, _situation(offset=0.3))
     rests, command = LAW.update(state, _situation(offset=0.3, sigma=0.5), DT)
     assert not rests.learning
@@ -127,13 +127,13 @@ def test_network_consequents_stay_within_their_bound() -> None:
     assert np.abs(state.network.f).max() == pytest.approx(radians(1.0))
 
 
-def test_roll_input_is_zero_without_an_imu() -> None:
+def test_roll_input_of_the_network_is_zero_without_an_imu() -> None:
     assert LAW.inputs(_situation()).roll == 0
     assert LAW.inputs(_situation()._replace(roll=nan)).roll == 0
     assert LAW.inputs(_situation()._replace(roll=0.1)).roll == 0.1
 
 
-def test_report_has_a_value_for_every_column() -> None:
+def test_law_reports_one_value_per_column() -> None:
     state = _drive(LAW, _situation(offset=0.3))
     values = dict(zip((c.name for c in LAW.columns), LAW.report(state), strict=True))
     assert len(values) == len(LAW.columns)

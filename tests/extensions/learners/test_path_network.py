@@ -14,7 +14,7 @@ def _inputs(n: int = 200) -> list[PathInput]:
 
 
 @pytest.mark.parametrize("uncertainty", [0.0, 0.3, 0.49])
-def test_firing_strengths_sum_to_one_inside_and_outside_the_range(uncertainty: float) -> None:
+def test_firing_strengths_sum_to_one_inside_and_outside_input_range(uncertainty: float) -> None:
     network = PathNetwork(uncertainty=uncertainty)
     for x in _inputs():
         w = network.firing(x)
@@ -31,12 +31,12 @@ def test_network_without_uncertainty_equals_linear_interpolation() -> None:
         assert network.firing(x) @ f == pytest.approx(np.interp(x.curvature, centres, f))
 
 
-def test_uncertainty_changes_the_firing_strengths() -> None:
+def test_width_uncertainty_changes_the_firing_strengths() -> None:
     x = PathInput(0.08, 1.2)
     assert not np.allclose(PathNetwork(uncertainty=0.3).firing(x), PathNetwork(uncertainty=0.0).firing(x), atol=0.02)
 
 
-def test_lagged_output_changes_at_the_learning_rate() -> None:
+def test_one_update_changes_the_output_by_learning_rate_times_error() -> None:
     network, x, e = PathNetwork(eta=0.3), PathInput(0.1, 1.2), 0.02
     state = network.init()
     for _ in range(400):
@@ -46,7 +46,7 @@ def test_lagged_output_changes_at_the_learning_rate() -> None:
 
 
 @pytest.mark.parametrize("uncertainty", [pytest.param(0.0, marks=pytest.mark.slow), 0.3])
-def test_network_converges_to_a_known_feedforward_through_a_lag(uncertainty: float) -> None:
+def test_network_converges_to_the_true_feedforward_despite_a_lag(uncertainty: float) -> None:
     """Plant: the error is what the map lacked a lag ago, atan(L kappa) plus a share of the roll."""
     network = PathNetwork(uncertainty=uncertainty, curvature_range_per_m=0.15, curvature_sets=7)
     rng, state, answered, errors = np.random.default_rng(3), network.init(), 0.0, []
@@ -69,7 +69,7 @@ def test_network_consequents_stay_within_their_bound() -> None:
     assert np.abs(state.f).max() == bound
 
 
-def test_mirrored_path_gives_the_mirrored_map() -> None:
+def test_training_with_mirrored_inputs_gives_a_mirrored_network() -> None:
     network = PathNetwork()
     left = right = network.init()
     for k, x in enumerate(_inputs()):
