@@ -74,14 +74,14 @@ def test_setpoint_is_applied_only_while_the_host_is_engaged():
     assert not rig.tick(off(radians(30))).engaged
 
 
-def test_host_engaged_at_power_up_must_first_disengage():
+def test_board_ignores_a_host_engaged_at_power_up_until_it_disengages():
     rig = Rig()
     assert not rig.tick(on(), 40).engaged
     rig.tick(off())
     assert rig.tick(on()).engaged
 
 
-def test_watchdog_releases_the_steering_in_time_and_latches():
+def test_watchdog_releases_the_steering_in_time_and_latches_the_board():
     rig = engaged()
     last = rig.t - TICK
     for _ in range(100):
@@ -98,7 +98,7 @@ def test_watchdog_releases_the_steering_in_time_and_latches():
 
 
 @pytest.mark.parametrize(("latch", "silence", "steers"), [(6.25, 5.0, True), (6.25, 7.0, False), ("never", 50.0, True)])
-def test_board_latches_after_its_configured_silence(latch, silence, steers):
+def test_board_latches_after_the_configured_time_without_messages(latch, silence, steers):
     rig = engaged(latch_s=latch)
     assert not rig.tick(ticks=round(silence / TICK)).engaged
     assert rig.tick(on()).engaged is steers
@@ -108,7 +108,7 @@ def test_board_latches_after_its_configured_silence(latch, silence, steers):
     assert rig.tick(on()).engaged
 
 
-def test_latch_does_not_act_before_the_watchdog():
+def test_board_does_not_latch_before_the_watchdog_time():
     rig = engaged(latch_s=0.5, watchdog_s=3.0)
     assert rig.tick(ticks=40).engaged
     assert rig.tick(on()).engaged
@@ -116,17 +116,17 @@ def test_latch_does_not_act_before_the_watchdog():
     assert not rig.tick(on()).engaged
 
 
-def test_board_does_not_steer_for_a_host_engaged_before_power_up():
+def test_board_without_latch_also_ignores_a_host_engaged_at_power_up():
     assert not Rig(latch_s="never").tick(on(), 40).engaged
 
 
-def test_latch_acts_after_an_outage_even_without_a_tick():
+def test_board_latches_after_an_outage_even_if_no_tick_occurred():
     rig = engaged()
     rig.t += 10.0
     assert not rig.tick(on(radians(30))).engaged
 
 
-def test_messages_of_the_bridge_do_not_reset_the_watchdog():
+def test_hello_messages_do_not_reset_the_watchdog():
     rig = engaged()
     assert not rig.tick(Hello(), 52).engaged
 
@@ -147,7 +147,7 @@ def test_shorter_watchdog_and_self_centring_can_be_configured():
         ("agopenweb", 29, True),
     ],
 )
-def test_engaged_bit_depends_on_the_host_program(host, status, expected):
+def test_position_of_the_engaged_bit_depends_on_the_host_program(host, status, expected):
     rig = Rig(host=host)
     rig.tick(SteerData(1.5, 0, 0.1))
     assert rig.tick(SteerData(1.5, status, 0.1)).engaged is expected
@@ -174,7 +174,7 @@ def test_setpoints_are_clipped_at_the_steering_stops():
     assert degrees(engaged().tick(on(radians(-300))).steer) == pytest.approx(-45)
 
 
-def test_board_reports_after_each_steering_message_or_at_10_hz():
+def test_board_replies_to_steering_messages_or_else_reports_at_10_hz():
     rig = engaged()
     rig.steer = radians(-3.2)
     rig.tick(on())
@@ -206,7 +206,7 @@ def test_hello_and_scan_messages_are_answered():
 
 
 @pytest.mark.parametrize(("host", "before", "after"), [("agopengps", 0b11, 0b01), ("agopenweb", 0b01, 0b11)])
-def test_steer_switch_is_set_at_the_configured_time(host, before, after):
+def test_steer_switch_of_the_board_turns_on_at_the_configured_time(host, before, after):
     rig = Rig(host=host, engage_at_s=1.0)
     assert rig.send(off())[0].switches == before
     rig.t = 1.0
@@ -228,7 +228,7 @@ def settings(kp=40, high=60, least=9, counts=30, offset=0, ackermann=100):
         (20.0, 60),
     ],
 )
-def test_proportional_law_of_the_board_respects_its_limits(error_deg, pwm):
+def test_proportional_law_of_the_board_respects_its_power_limits(error_deg, pwm):
     for sign in (1, -1):
         rig = engaged(steer_by="pwm")
         actuation = rig.tick(on(sign * radians(error_deg)))
@@ -242,7 +242,7 @@ def test_steering_error_of_the_board_uses_the_measured_angle():
     assert rig.tick(on(radians(10))).voltage < NEUTRAL_V
 
 
-def test_host_settings_act_immediately_and_survive_an_outage():
+def test_settings_from_the_host_act_at_once_and_are_kept_in_an_outage():
     rig = engaged(steer_by="pwm")
     rig.send(settings(high=255, least=20))
     assert rig.tick(on(radians(20))).voltage == pytest.approx(2 * NEUTRAL_V)
@@ -256,7 +256,7 @@ def test_settings_at_power_up_are_taken_from_the_scenario():
     assert rig.tick(on(radians(30))).voltage == pytest.approx(NEUTRAL_V * (1 + 128 / 255))
 
 
-def test_wrong_sensor_settings_cause_a_wrong_wheel_angle():
+def test_wrong_steering_sensor_settings_cause_a_wrong_wheel_angle():
     """A scale of half the truth makes the board see twice the angle, so the wheels turn by half."""
     rig = engaged()
     rig.send(settings(counts=15))
@@ -265,14 +265,14 @@ def test_wrong_sensor_settings_cause_a_wrong_wheel_angle():
     assert degrees(rig.send(off())[0].steer) == pytest.approx(10.0, abs=0.01)
 
 
-def test_ackermann_scale_applies_to_angles_to_the_left():
+def test_ackermann_scale_applies_only_to_steering_angles_to_the_left():
     rig = engaged()
     rig.send(settings(ackermann=50))
     assert degrees(rig.tick(on(radians(10))).steer) == pytest.approx(20.0, abs=0.01)
     assert degrees(rig.tick(on(radians(-10))).steer) == pytest.approx(-10.0, abs=0.01)
 
 
-def test_inverted_wiring_inverts_the_steering():
+def test_inverted_wiring_settings_invert_motor_and_angle_sensor():
     rig = engaged(steer_by="pwm")
     rig.send(SteerConfig(0x04))
     assert rig.tick(on(radians(20))).voltage < NEUTRAL_V
@@ -283,7 +283,7 @@ def test_inverted_wiring_inverts_the_steering():
     assert degrees(rig.send(off(0.0))[0].steer) == pytest.approx(-5.0, abs=0.01)
 
 
-def test_zero_settings_cause_no_division_by_zero():
+def test_host_settings_of_zero_cause_no_division_by_zero():
     rig = engaged(steer_by="pwm")
     rig.send(settings(0, 0, 0, 0, 0, 0))
     rig.steer = radians(5)
@@ -319,7 +319,7 @@ def hostile(random):
     return bytes(data)
 
 
-def test_malformed_datagrams_cannot_exceed_valid_steering_commands():
+def test_malformed_datagrams_do_not_engage_the_board_or_exceed_limits():
     random, rig = Random(5), Rig()
     latched, asked, seen = True, None, 0
     for n in range(10_000):

@@ -65,12 +65,12 @@ def test_unresponsive_host_is_not_reported_as_disengaged():
     assert done.log.outcome == "host_lost"
 
 
-def test_host_that_never_engaged_does_not_end_the_run():
+def test_host_that_never_engages_does_not_end_the_run():
     _, said = driven(Gap(guide("--engage-after", "100"), 4.0, 99.0), 9.0)
     assert [line.partition(": ")[2] for line in said if "silent" in line] == ["the host is silent"]
 
 
-def test_run_with_a_host_returning_engaged_is_reported_as_latched():
+def test_run_ends_as_latched_if_a_lost_host_returns_engaged():
     done, said = driven(Gap(guide(), 4.0, 7.5), 14.0)
     (back,) = (line for line in said if "is back" in line)
     assert back.endswith("the host is back, but the board is latched; switch its button off and on")
@@ -93,7 +93,7 @@ def test_board_with_a_longer_latch_time_keeps_steering(latch):
     assert said[-1].startswith("the host answered only 7")
 
 
-def test_run_can_start_before_the_host_steers():
+def test_run_with_start_option_engaged_begins_when_the_host_engages():
     _, said = driven(Direct(guide()), 2.0, start="engaged")
     assert ["starts" in said[0], said[1]] == [True, "0.0 s: the host has engaged"]
 
@@ -114,7 +114,7 @@ class Bridge:
 
 
 @pytest.mark.parametrize(("host", "named"), [("agopengps", "AgIO answers"), ("agopenweb", "AgOpenWeb answers")])
-def test_error_after_waiting_for_the_host_reports_received_hellos(host, named):
+def test_error_after_waiting_for_a_host_states_if_hellos_were_received(host, named):
     said = []
     with pytest.raises(NoHostError, match=rf"{named} \(5 hellos\), .* does not; open it with its simulator off"):
         run_link(scenario(1.0, guidance__host=host), Bridge(), LinkOptions(wait_s=8.0, notify=said.append))
@@ -146,7 +146,7 @@ def test_scan_is_answered_with_the_address_of_the_board():
     assert reply == ScanReply(126, (192, 168, 5, 77), (192, 168, 5))
 
 
-def test_board_address_belongs_to_its_route_to_the_host():
+def test_board_address_is_that_of_the_interface_towards_the_host():
     own, other = free_ports()
     with UdpSockets("127.0.0.1", own, other) as sockets:
         assert sockets.address == (127, 0, 0, 1)
@@ -217,14 +217,14 @@ def test_cross_track_error_of_the_host_is_logged_and_a_metric(host):
     assert 2 < block["cross_track_settled_s"] < 20
 
 
-def test_cross_track_error_of_the_host_is_missing_without_line_or_messages():
+def test_host_cross_track_error_is_missing_without_line_or_messages():
     done, _ = driven(Gap(guide(), 4.0, 99.0), 9.0)
     t, off = done.log.column("t"), done.log.column("link_cross_track")
     assert np.isnan(off[t > 7.0]).all()
     assert not np.isnan(off[(t > 2) & (t < 6)]).any()
 
 
-def test_answered_fraction_counts_from_the_first_answered_position():
+def test_answered_fraction_excludes_positions_before_the_first_answer():
     def out(turn):
         return Datagram(turn, turn * 0.05, "out", "h:1", b"$PANDA,")
 
@@ -236,7 +236,7 @@ def test_answered_fraction_counts_from_the_first_answered_position():
     assert positions_since_heard(record[:3]) == 0
 
 
-def test_a_slow_or_lossy_link_is_reported():
+def test_slow_or_lossy_link_to_the_host_is_reported():
     well = {"answered_fraction": 0.97, "latched_s": 0.0, "real_time_factor": 0.99}
     assert health(well) == []
     (slow,) = health(well | {"real_time_factor": 0.42})
@@ -256,7 +256,7 @@ class Deaf(Direct):
         return super().send(data, target)
 
 
-def test_fraction_of_answered_positions_is_a_metric():
+def test_fraction_of_positions_answered_by_the_host_is_a_metric():
     done, said = driven(Deaf(guide()), 9.0)
     assert done.log.metrics["link"]["answered_fraction"] == pytest.approx(1 / 3, abs=0.03)
     assert said[-1].startswith("the host answered only 33% of the positions")
@@ -302,7 +302,7 @@ def test_scenario_with_other_guidance_is_rejected_before_opening_a_port(tmp_path
     assert said == []
 
 
-def test_offset_of_the_axle_unknown_to_the_host_is_a_metric_and_reported():
+def test_axle_offset_due_to_an_antenna_offset_is_reported_as_a_metric():
     """An antenna 0.3 m left of the middle, unknown to the host: the axle is 0.3 m right of the host's line."""
     done, said = driven(Direct(guide()), 40.0, tractor__antenna_left_m=0.3)
     assert done.log.metrics["link"]["cross_track_offset"] == pytest.approx(-0.3, abs=0.04)
@@ -334,13 +334,13 @@ def test_check_reports_rate_wheelbase_antenna_and_missing_signals():
     assert not any("engagement" in line for line in missing)
 
 
-def test_check_of_a_straight_drive_does_not_identify_the_antenna():
+def test_check_of_a_straight_drive_does_not_identify_antenna_position():
     used = scenario(20.0, tractor__antenna_ahead_m=0.8)
     log = run_link(used, Direct(guide()), LinkOptions()).log
     assert list(check_lines(used, log, log.metrics["link"]))[4].endswith("not identifiable without bends")
 
 
-def test_check_of_a_silent_host_at_rest_lists_what_is_missing():
+def test_check_with_a_silent_host_lists_the_missing_signals():
     used = scenario(3.0, guidance__position="panda")
     log = run_link(used, Gap(guide(), 0.0, 99.0), LinkOptions(start="now")).log
     lines = list(check_lines(used, log, log.metrics["link"]))

@@ -59,7 +59,7 @@ def toy_session(keys, *arguments, duration=30.0, channel=None):
 
 @pytest.mark.parametrize("host", ["agopengps", "agopenweb"])
 @pytest.mark.parametrize("law", ["pure_pursuit", "stanley"])
-def test_offset_of_the_host_from_its_line_converges_below_a_millimetre(law, host):
+def test_offset_from_the_host_line_stays_below_5_mm_after_20_s(law, host):
     vehicle, session = toy_session({"position": "paogi", "host": host}, "--law", law, "--dialect", host)
     off = np.array([y for t, _, y in vehicle.track if t > 20])
     assert np.abs(off).max() < 0.005
@@ -67,12 +67,12 @@ def test_offset_of_the_host_from_its_line_converges_below_a_millimetre(law, host
     assert session.state.tally.steer_data == 300
 
 
-def test_host_follows_the_line_with_one_antenna_and_no_imu():
+def test_tractor_follows_the_host_line_with_one_antenna_and_no_imu():
     vehicle, _ = toy_session({}, "--look-ahead", "4")
     assert max(abs(y) for t, _, y in vehicle.track if t > 25) < 0.05
 
 
-def test_steering_law_of_the_board_leads_the_tractor_to_the_line():
+def test_steering_law_of_the_board_brings_the_tractor_to_the_line():
     vehicle, session = toy_session({"position": "paogi", "steer_by": "pwm"}, "--board", "40", "255", "10")
     assert max(abs(y) for t, _, y in vehicle.track if t > 20) < 0.03
     assert session.state.settings.high_pwm == 255
@@ -83,7 +83,7 @@ def test_host_with_the_wrong_protocol_variant_never_steers():
     assert session.ended == "not_engaged"
 
 
-def test_no_position_is_sent_without_a_gnss_solution():
+def test_no_position_is_sent_to_the_host_without_a_gnss_solution():
     class Blind(Toy):
         def _measured(self):
             measured = super()._measured()
@@ -111,7 +111,7 @@ def test_imu_data_are_sent_together_with_the_position():
     assert attitude.roll == 0.0
 
 
-def test_antenna_tilt_error_remains_unless_the_host_receives_roll():
+def test_antenna_tilt_error_is_corrected_only_if_the_host_receives_roll():
     """Antenna 2 m up, slope of 5 deg: 17 cm that only the roll explains; the host's line is that of the antenna."""
     keys = {"path__start_offset_m": 0.0, "duration_s": 40.0}
     offs = []
@@ -207,7 +207,7 @@ def test_host_killed_in_a_turn_leaves_the_valve_neutral_and_latched(tmp_path):
     assert log.metrics["link"]["outages"] == 1
 
 
-def test_returning_host_steers_only_after_disengaging_first():
+def test_reconnected_host_steers_only_after_disengaging():
     class Cut(Direct):
         """Silent for four seconds; the host stays engaged all the while, and lets go for half a second at 12 s."""
 
@@ -248,7 +248,7 @@ class Hostile(Direct):
             yield incoming
 
 
-def test_malformed_traffic_leaves_the_run_bit_identical():
+def test_malformed_datagrams_leave_the_run_bit_identical():
     clean = run_link(scenario(duration_s=20.0), Direct(guide()), LinkOptions()).log
     noisy = run_link(scenario(duration_s=20.0), Hostile(guide()), LinkOptions()).log
     assert noisy.signals.equals(clean.signals)
@@ -268,7 +268,7 @@ def test_run_without_a_host_does_not_start():
         run_link(scenario(), Direct(guide("--engage-after", "100")), LinkOptions(start="engaged", wait_s=1.0))
 
 
-def test_run_can_start_when_the_host_engages_or_immediately():
+def test_run_starts_at_host_engagement_or_immediately_as_configured():
     log = run_link(scenario(duration_s=2.0), Direct(guide()), LinkOptions(start="engaged")).log
     assert (log.column("link_engaged")[:-1] == 1).all()
     assert log.metrics["link"]["waited_s"] == pytest.approx(1.0, abs=0.11)
@@ -276,7 +276,7 @@ def test_run_can_start_when_the_host_engages_or_immediately():
     assert log.outcome == "not_engaged"
 
 
-def test_real_time_run_keeps_pace_and_reports_delays():
+def test_real_time_run_keeps_pace_with_the_clock_and_reports_delays():
     own, other = free_ports()
     with host_process(other, own), UdpSockets("127.0.0.1", own, other) as sockets:
         log = run_link(scenario(duration_s=2.0), RealTime(sockets), LinkOptions()).log
@@ -288,7 +288,7 @@ def test_real_time_run_keeps_pace_and_reports_delays():
     assert block["steer_messages_hz"] < 12
 
 
-def test_run_at_half_pace_takes_twice_as_long():
+def test_run_at_half_of_real_time_pace_takes_twice_as_long():
     own, other = free_ports()
     with host_process(other, own), UdpSockets("127.0.0.1", own, other) as sockets:
         log = run_link(scenario(duration_s=1.0), RealTime(sockets, 2.0), LinkOptions(pace=0.5)).log
@@ -363,7 +363,7 @@ def test_run_command_rejects_guidance_that_needs_a_link():
         run_link(load_scenario("straight_line"), Replayed([]), LinkOptions())
 
 
-def test_link_command_completes_a_run_with_a_host(tmp_path):
+def test_link_command_completes_a_run_steered_by_a_host(tmp_path):
     own, other = free_ports()
     with host_process(other, own):
         sets = ("--set", "guidance.position=paogi", "--set", f"{DUAL}=true")

@@ -69,7 +69,7 @@ class Bench:
 
 @pytest.mark.parametrize("host", HOSTS)
 @pytest.mark.parametrize("offset", [-150, 0, 77])
-def test_board_reports_the_same_angle_as_a_real_board(host, offset):
+def test_simulated_board_reports_the_same_angle_as_a_real_board(host, offset):
     for invert in (False, True):
         bench = Bench(host, per_degree=45, invert=invert)
         bench.calibrate(offset, ackermann=80)
@@ -81,7 +81,7 @@ def test_board_reports_the_same_angle_as_a_real_board(host, offset):
 
 @pytest.mark.parametrize("host", HOSTS)
 @pytest.mark.parametrize("bias_deg", [3.2, -1.7])
-def test_zero_button_of_the_host_removes_a_sensor_offset(host, bias_deg):
+def test_zero_button_of_the_host_removes_a_steering_sensor_offset(host, bias_deg):
     bench = Bench(host, bias_deg)
     assert bench.shown(0.0) == pytest.approx(-bias_deg, abs=0.006)
     assert bench.wheels_for(0.0) == pytest.approx(-bias_deg, abs=0.006)
@@ -125,5 +125,5 @@ def test_host_applies_no_tilt_correction_without_an_imu(read):
     assert abs(lean[2]) == pytest.approx(1.198 if read is signed_bytes else 0.0, abs=0.001)
 
 
-def test_available_roll_is_sent_even_without_a_heading():
+def test_available_roll_is_sent_to_the_host_even_without_a_heading():
     assert fields_of(panda(HERE, BoardAttitude(roll=radians(-4.23))))[12:14] == ["65535", "-42"]

@@ -46,12 +46,12 @@ def test_link_listens_only_on_loopback_by_default():
 
 
 @pytest.mark.parametrize("text", ["localhost", "127.0.0", "::1", "999.1.1.1", ""])
-def test_non_numeric_address_is_rejected(text):
+def test_address_that_is_not_a_numeric_ipv4_address_is_rejected(text):
     with pytest.raises(ScenarioError, match=r"--address: .* is not an IPv4 address"):
         UdpSockets(text, free_port(), 9)
 
 
-def test_datagrams_above_the_limit_are_received_in_the_next_cycle():
+def test_datagrams_above_the_limit_per_cycle_are_received_in_the_next():
     port = free_port()
     with UdpSockets("127.0.0.1", port, 9) as sockets, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
         for n in range(150):
@@ -62,14 +62,14 @@ def test_datagrams_above_the_limit_are_received_in_the_next_cycle():
     assert [received.data[0] for received in first + second] == list(range(150))
 
 
-def test_receive_waits_until_the_specified_time():
+def test_receive_without_datagrams_returns_at_the_specified_time():
     with UdpSockets("127.0.0.1", free_port(), 9) as sockets:
         began = time.perf_counter()
         assert list(sockets.receive(began + 0.05)) == []
         assert time.perf_counter() - began > 0.045
 
 
-def test_late_cycles_are_counted_and_not_caught_up():
+def test_late_cycles_are_counted_and_shift_all_later_cycles():
     pace = Pace(0.02)
     pace.begin()
     first = pace.next - pace.period
@@ -81,7 +81,7 @@ def test_late_cycles_are_counted_and_not_caught_up():
     assert pace.worst == behind > 0.07
 
 
-def test_loading_time_before_the_first_cycle_delays_no_cycle():
+def test_loading_time_before_the_first_cycle_is_not_counted_as_delay():
     pace = Pace(0.02)
     made = pace.next
     time.sleep(0.1)

@@ -130,7 +130,7 @@ def test_error_for_invalid_reset_options_names_the_key(keywords, message):
         FollowPath(**keywords)
 
 
-def test_observation_is_the_estimate_or_for_privileged_agents_the_truth():
+def test_observation_is_the_estimate_or_the_true_state_if_privileged():
     keywords = {"scenario": "circle", "overrides": {"duration_s": 3.0, "sensors.gnss.sigma_m": 0.2}}
     env = FollowPath(privileged=True, **keywords)
     steps = episode(env, 1)
@@ -159,7 +159,7 @@ def test_actions_are_scaled_by_steering_limit_and_speed():
     assert log.column("speed_ref") == pytest.approx([0.75 * 1.2, 1.2], rel=1e-3)
 
 
-def test_without_a_speed_action_the_tractor_catches_up_with_the_reference():
+def test_without_a_speed_action_the_tractor_keeps_up_with_its_reference():
     env = FollowPath("straight_line", "bicycle", overrides={"duration_s": 15.0})
     env.reset(seed=1)
     over = False
@@ -252,7 +252,7 @@ def test_vector_environment_equals_gymnasium_sync_vector_bit_for_bit(mode):
     vector.close()
 
 
-def test_reset_mask_resets_only_the_selected_environments():
+def test_reset_with_a_mask_resets_only_the_selected_environments():
     vector = FollowPathVector(3, autoreset_mode=AutoresetMode.DISABLED, **FAST)
     vector.reset(seed=[1, 2, 3])
     vector.step(np.zeros((3, 1), dtype=np.float32))
@@ -269,7 +269,7 @@ def test_make_vec_creates_the_vector_environment():
     made.close()
 
 
-def test_episode_can_be_saved_and_branched():
+def test_state_of_an_episode_can_be_saved_and_branched():
     env = FollowPath("circle", overrides=SHORT)
     env.reset(seed=1)
     state = env.sim.save()
@@ -279,7 +279,7 @@ def test_episode_can_be_saved_and_branched():
     assert isinstance(env.sim, Simulation)
 
 
-def test_environment_is_registered_and_package_imports_without_gymnasium():
+def test_environment_is_registered_and_gymnasium_is_optional():
     done = python(
         "import sys, agrobot_mj, agrobot_mj.cli.app, agrobot_mj.simulation.stepping\n"
         "assert 'gymnasium' not in sys.modules\n"
@@ -317,7 +317,7 @@ for plant in ("mujoco", "bicycle"):
 """
 
 
-def test_image_shows_the_tractor_and_its_path():
+def test_rendered_image_shows_the_tractor_and_its_path():
     done = python(DRAW, MUJOCO_GL=os.environ.get("MUJOCO_GL", "egl"))
     if "no display" in done.stderr or "OpenGL" in done.stderr:
         pytest.skip(f"MuJoCo cannot draw here: {done.stderr.strip().splitlines()[-1][:200]}")
@@ -363,7 +363,7 @@ def test_standstill_and_creep_speed_give_little_reward(scenario):
         assert total < share * driving
 
 
-def test_path_segment_is_rewarded_only_once():
+def test_progress_along_a_path_segment_is_rewarded_only_once():
     env = FollowPath("straight_line", speed=True)
     env.reset(seed=4)
     for _ in range(60):
@@ -379,7 +379,7 @@ def test_path_segment_is_rewarded_only_once():
     assert reward > 0.5
 
 
-def test_steering_by_a_law_earns_more_reward_than_no_steering():
+def test_guidance_law_earns_more_reward_than_zero_steering():
     """Most of the way to the turn at the headland is straight."""
     law, _ = returned(steered, "headland_k_turn", ticks=860)
     nothing, info = returned(lambda v: (0.0,), "headland_k_turn", ticks=860)

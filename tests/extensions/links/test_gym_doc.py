@@ -36,7 +36,7 @@ def test_programs_on_the_page_run_in_order(tmp_path):
     assert shape == "(4, 14)"
 
 
-def test_program_of_the_page_draws_its_figure():
+def test_program_shown_on_the_page_draws_its_figure():
     imports = PROGRAMS[0].split("\n\n")[0]
     done = python(f"{imports}\n{PICTURE}\nprint(picture.shape)")
     if "MuJoCo has no OpenGL" in done.stderr:

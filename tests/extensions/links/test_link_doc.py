@@ -35,13 +35,13 @@ def test_every_key_named_on_the_page_exists():
     assert {"watchdog_s", "released", "give_up_s", "position_rate_hz", "host", "origin_lat_deg"} <= named
 
 
-def test_table_on_the_page_has_one_row_per_demo():
+def test_demo_table_on_the_page_has_one_row_per_demo():
     rows = re.findall(r"^\| ([a-z]+: [^|]+) \| `([^`]+)` \|", TEXT, re.MULTILINE)
     assert rows == [(name, host or "-") for name, (_, _, host) in demo.ROWS.items()]
 
 
 @pytest.mark.parametrize("live", [False, True])
-def test_every_link_metric_is_explained(live):
+def test_every_link_metric_is_explained_on_the_page(live):
     scenario = load_scenario("straight_line", {"guidance.kind": "agopengps", "duration_s": 0.1})
     with UdpSockets("127.0.0.1", 0, 9) as sockets:
         channel = RealTime(sockets) if live else Replayed([])
@@ -50,7 +50,7 @@ def test_every_link_metric_is_explained(live):
     assert set(block) <= named
 
 
-def test_text_in_a_recording_names_guidance_program_and_metrics():
+def test_recording_text_names_the_guidance_program_and_link_metrics():
     log = run(load_scenario("straight_line", {"duration_s": 1, "plant.kind": "bicycle"}))
     driven = replace(
         log,

@@ -80,7 +80,7 @@ def test_latched_topics_are_repeated_every_five_seconds(tmp_path):
     assert antenna.transform.translation.z == pytest.approx(long.scenario.tractor.antenna_height_m)
 
 
-def test_time_stamps_include_the_time_waited_for_the_program(log, tmp_path):
+def test_time_stamps_include_the_waiting_time_for_the_external_program(log, tmp_path):
     reader = pytest.importorskip("mcap_ros2.reader", reason="mcap is not installed (pip install agrobot-mj[mcap])")
     write_log(log, tmp_path)
     metrics = json.loads((tmp_path / "metrics.json").read_text())
@@ -92,7 +92,7 @@ def test_time_stamps_include_the_time_waited_for_the_program(log, tmp_path):
         assert first.log_time_ns == clock.sec * 10**9 + clock.nanosec == EPOCH_NS + round(waited * 1e9)
 
 
-def test_lost_fix_is_marked_in_the_message(read, log):
+def test_lost_fix_is_marked_in_the_fix_message(read, log):
     status = np.array([message.status.status for _, message in read["/fix"]])
     np.testing.assert_array_equal(status == -1, log.column("gnss_quality") == 0)
     assert (status == -1).sum() == 20
@@ -112,7 +112,7 @@ def test_mcap_file_contains_metadata_and_message_definitions(log, tmp_path):
     assert about.metadata["identity"] == log.metrics["identity"]
 
 
-def test_results_folder_of_a_run_is_exported(log, tmp_path):
+def test_results_folder_of_a_run_is_exported_as_mcap(log, tmp_path):
     pytest.importorskip("mcap", reason="mcap is not installed (pip install agrobot-mj[mcap])")
     write_log(log, tmp_path / "run")
     file, count = export_run(tmp_path / "run")
@@ -122,7 +122,7 @@ def test_results_folder_of_a_run_is_exported(log, tmp_path):
     assert again.read_bytes() == file.read_bytes()
 
 
-def test_folder_without_a_run_is_reported(tmp_path):
+def test_export_of_a_folder_without_a_run_is_reported(tmp_path):
     with pytest.raises(ScenarioError, match=r"the folder has no scenario.toml; specify the folder of a run"):
         export_run(tmp_path)
 

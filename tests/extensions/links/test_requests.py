@@ -19,7 +19,7 @@ def test_external_program_controls_the_tractor_by_velocity_requests():
     assert set(sim.log().column("cmd_yaw_rate")) == {-0.1}
 
 
-def test_command_that_does_not_match_the_guidance_law_is_rejected():
+def test_simulation_command_unsuited_to_the_guidance_law_is_rejected():
     sim = Simulation("circle", SHORT | {"guidance.kind": "cmd_vel"})
     sim.reset()
     with pytest.raises(TypeError, match="request: must be of type VelocityRequest, got Actuation"):

@@ -62,7 +62,7 @@ def test_messages_from_a_log_equal_the_live_messages(drive):
     assert all(same(a, b) for (_, a), (_, b) in zip(kept, sent, strict=True))
 
 
-def test_every_topic_is_published_and_the_clock_last(drive):
+def test_all_topics_of_a_tick_are_published_with_the_clock_last(drive):
     (_, first), *_ = drive[0]
     assert {topic for topic, _ in first} == set(TOPICS) - {"/path"}
     assert first[-1][0] == "/clock"
@@ -87,7 +87,7 @@ def test_fix_message_contains_the_antenna_position(drive):
     assert content["altitude"] == pytest.approx(sample.z + t.antenna_height_m - t.cg_height_m)
 
 
-def test_fix_quality_sets_status_and_covariance(drive):
+def test_fix_quality_determines_status_and_covariance_of_the_message(drive):
     (sample, _), site = drive[0][0], site_of(load_scenario("straight_line"))
     floating = fix(sample._replace(gnss_quality=1.0), site, stamp(0))
     assert floating["status"]["status"] == 0
@@ -104,7 +104,7 @@ def rotated(q, v):
     return v + 2 * np.cross(u, np.cross(u, v) + w * np.asarray(v))
 
 
-def test_attitude_uses_forward_left_up_axes():
+def test_attitude_message_uses_forward_left_up_axes():
     yaw, tilt = 0.7, radians(10)
     forward = rotated(quaternion(0.0, 0.0, yaw), [1.0, 0.0, 0.0])
     np.testing.assert_allclose(forward, [cos(yaw), sin(yaw), 0.0], atol=1e-15)
@@ -112,7 +112,7 @@ def test_attitude_uses_forward_left_up_axes():
     assert rotated(quaternion(0.0, tilt, yaw), [1.0, 0.0, 0.0])[2] == pytest.approx(-sin(tilt)), "nose down"
 
 
-def test_true_velocity_is_the_derivative_of_the_true_position(drive):
+def test_true_velocity_message_is_the_derivative_of_true_position(drive):
     live, log = drive
     site, k = site_of(log.scenario), 50
     before, now, after = (live[i][0] for i in (k - 1, k, k + 1))
@@ -131,7 +131,7 @@ def test_missing_sensors_are_marked_in_the_messages(drive):
     assert imu(sample._replace(imu_force_x=nan), site, 0.1, stamp(0))["linear_acceleration_covariance"][0] == -1
 
 
-def test_heading_message_is_the_integral_of_the_gyro():
+def test_heading_message_contains_the_integral_of_the_gyro():
     turned = [gyro_heading(nan, 0.2, 3.0, TICK_S)]
     for _ in range(100):
         turned.append(gyro_heading(turned[-1], 0.2, 0.0, TICK_S))
@@ -140,7 +140,7 @@ def test_heading_message_is_the_integral_of_the_gyro():
     assert isnan(gyro_heading(nan, nan, 3.0, TICK_S))
 
 
-def test_path_message_equals_the_reference_points():
+def test_path_message_contains_the_reference_points():
     scenario = load_scenario("circle")
     points = [pose["pose"]["position"] for pose in path(scenario)["poses"]]
     steps = np.hypot(np.diff([p["x"] for p in points]), np.diff([p["y"] for p in points]))

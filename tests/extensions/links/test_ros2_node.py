@@ -134,7 +134,7 @@ def test_external_controller_follows_a_line_within_10_cm(start, tmp_path):
     assert first == second, "lock-step repeats"
 
 
-def test_program_at_10_hz_may_send_time_stamped_requests(start, tmp_path):
+def test_program_may_send_time_stamped_requests_at_10_hz(start, tmp_path):
     start("-c", STAMPED)
     result(tractor(start, "--stamped", "--pace", "lock_step", "--every", "2", "--duration", "2", "--wait", "30"))
     signals = pq.read_table(tmp_path / "run" / "signals.parquet")
@@ -143,7 +143,7 @@ def test_program_at_10_hz_may_send_time_stamped_requests(start, tmp_path):
     assert {round(age, 2) for age in signals["cmd_age"].to_pylist()} == {0.0, 0.05}
 
 
-def test_two_tractors_in_namespaces_are_independent(start, tmp_path):
+def test_tractors_in_two_ros_namespaces_are_independent(start, tmp_path):
     start("-c", STAMPED, "--ros-args", "-r", "__ns:=/one", "-r", "/cmd_vel:=cmd_vel", "-r", "/odometry:=odometry")
     options = ("--stamped", "--duration", "2", "--wait", "15")
     other = tractor(start, *options, "--namespace", "field/two", "--out", "other")
@@ -183,7 +183,7 @@ def sockets_of(process):
 
 
 @pytest.mark.skipif(shutil.which("ss") is None, reason="looks for sockets with ss")
-def test_link_listens_only_on_loopback_by_default(start):
+def test_ros2_link_communicates_only_on_loopback_by_default(start):
     process = tractor(start, "--wait", "60")
     assert sockets_of(process) == {"127.0.0.1"}
     process.send_signal(signal.SIGINT)

@@ -69,14 +69,14 @@ def test_lock_step_run_with_one_request_per_tick_is_repeatable():
     assert log.column("speed")[-1] == pytest.approx(1.5, abs=0.1)
 
 
-def test_request_every_second_tick_suffices_if_configured():
+def test_requests_every_second_tick_are_sufficient_if_configured():
     ticks = iter(range(10_000))
     log, _ = driven(lambda content: (1.0, 0.0) if next(ticks) % 2 == 1 else None, LOCK_STEP._replace(every=2))
     assert log.outcome == "completed"
     assert set(log.column("cmd_age").round(2)) == {0.0, 0.05}
 
 
-def test_program_that_stops_sending_ends_a_lock_step_run():
+def test_lock_step_run_ends_if_the_program_stops_sending_requests():
     answers, told = iter(range(15)), []
     log, _ = driven(
         lambda _: (1.0, 0.0) if next(answers, None) is not None else None, LOCK_STEP._replace(notify=told.append)
@@ -119,7 +119,7 @@ def test_error_names_publishers_of_the_wrong_message_type():
         (["geometry_msgs/msg/Twist"], False, 5, "5 messages with a non-finite velocity"),
     ],
 )
-def test_error_for_missing_commands_gives_the_reason(types, stamped, refused, expected):
+def test_error_for_missing_requests_states_the_reason(types, stamped, refused, expected):
     found = problem_of(types, stamped, refused)
     assert expected in found
     assert bool(found) == bool(expected)
@@ -140,7 +140,7 @@ def test_non_finite_commands_are_counted_and_reported_once(bad):
     ("machine", "speed"), [("compact", 1.7), ("utility", 1.1), ("row_crop", 2.2), ("compact", -0.8)]
 )
 @pytest.mark.parametrize("stop", [inf, 0.0], ids=["silence", "zero"])
-def test_tractor_stopped_by_the_program_stays_and_the_run_continues(machine, speed, stop):
+def test_tractor_stopped_by_the_program_stays_at_rest_until_the_end(machine, speed, stop):
     """After 5 s the program falls silent, or asks for a speed of zero. 9.4 t spring back on
     the carcasses by 8 cm, as the braking has deflected them.
     """
@@ -157,7 +157,7 @@ def test_tractor_stopped_by_the_program_stays_and_the_run_continues(machine, spe
     assert np.ptp(way[log.column("t") > 10.5]) < 1e-3
 
 
-def test_clock_continues_while_the_tractor_waits():
+def test_clock_topic_continues_while_the_run_waits_for_requests():
     ticks = iter(range(10_000))
     log, program = driven(lambda _: (1.0, 0.0) if next(ticks) > 3 else None, LOCK_STEP._replace(wait_s=1.0))
     assert log.metrics["ros2"]["waited_s"] == pytest.approx(0.25)
@@ -187,13 +187,13 @@ def test_long_gap_in_requests_ends_a_real_time_run():
     assert log.column("t")[-1] < 1.0
 
 
-def test_run_may_start_before_the_first_request():
+def test_real_time_run_may_start_before_the_first_request():
     log, _ = driven(lambda _: None, RosOptions("real_time", start="now"), **{"duration_s": 0.3})
     assert log.outcome == "not_engaged"
     assert (log.column("speed_ref") == 0.0).all()
 
 
-def test_scenario_with_other_guidance_is_rejected():
+def test_scenario_with_guidance_other_than_external_is_rejected():
     with pytest.raises(ScenarioError, match='set it to "cmd_vel"'):
         driven(straight, **{"guidance.kind": "stanley"})
 
@@ -222,12 +222,12 @@ def test_steering_angle_follows_the_bicycle_model_for_a_yaw_rate(situation, spee
     assert command.speed == speed
 
 
-def test_steering_is_held_at_zero_speed_and_limited_at_the_stops(situation):
+def test_steering_angle_is_held_at_zero_speed_and_limited_at_the_stops(situation):
     law = CmdVel()
     assert law.update(VelocityRequest(0.0, 1.0, 0.0), situation, 0.05)[1].steer == situation.steer
     assert law.update(VelocityRequest(0.1, 9.0, 0.0), situation, 0.05)[1].steer == situation.machine.steer_limit
 
 
 @pytest.mark.parametrize("age", [0.5, 3.0, inf])
-def test_expired_request_gives_a_speed_of_zero(situation, age):
+def test_expired_request_is_replaced_by_a_speed_of_zero(situation, age):
     assert CmdVel().update(VelocityRequest(1.5, 0.1, age), situation, 0.05)[1].speed == 0.0

@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[3]
 
 
 @pytest.mark.parametrize(("options", "weights"), [((), 7), (("--speed",), 9)], ids=["steering", "speed"])
-def test_trainer_improves_the_policy_compares_and_saves_it(tmp_path, options, weights):
+def test_trainer_improves_saves_and_compares_the_policy(tmp_path, options, weights):
     size = ["--generations", "3", "--population", "8", "--duration", "8", "--judge-duration", "3", "--workers", "1"]
     options = ("--plant", "bicycle", *size, *options, "--out", "policy.npz")
     done = script(tmp_path, ROOT / "examples" / "train_figure_eight.py", *options)
