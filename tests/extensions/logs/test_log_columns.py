@@ -22,7 +22,7 @@ def write(tmp_path):
     return parquet
 
 
-def test_numbers_of_every_type_become_floats_and_missing_values_nan(write):
+def test_columns_of_every_numeric_type_are_read_as_floats_with_nan(write):
     file = write(
         t=T,
         whole=pa.array(range(100), pa.int16()),
@@ -65,7 +65,7 @@ def test_log_with_column_names_but_no_rows_is_rejected(tmp_path):
         read_columns(tmp_path / "log.csv", ["t", "bad"])
 
 
-def test_missing_column_message_names_the_key_and_a_suggestion(write):
+def test_error_for_a_missing_column_names_the_key_and_a_similar_column(write):
     with pytest.raises(FieldLogError, match=r"no column 'speeed' \(speed.column\); did you mean 'speed'") as error:
         read_columns(write(t=T, speed=T), ["t", "speeed"], {"speeed": "speed.column"})
     assert "(available: t, speed)" in str(error.value)
@@ -133,7 +133,7 @@ def test_column_with_undecodable_name_is_rejected(tmp_path, write):
         column_names(file)
 
 
-def test_reader_is_selected_independently_of_the_file_name(tmp_path, write):
+def test_log_reader_does_not_depend_on_the_file_name(tmp_path, write):
     (tmp_path / "x.parquet").write_text("t,v\n0,1\n")
     assert read_columns(tmp_path / "x.parquet", ["v"])["v"] == [1.0]
     assert column_names(write(t=T).rename(tmp_path / "x.csv")) == ["t"]
@@ -154,7 +154,7 @@ def test_csv_with_any_common_delimiter_is_read(tmp_path, delimiter):
     assert found["v"] == pytest.approx(2 * T, abs=1e-3)
 
 
-def test_csv_header_of_a_spreadsheet_in_a_windows_code_page_is_read(tmp_path):
+def test_csv_header_in_a_windows_code_page_is_read(tmp_path):
     file = tmp_path / "log.csv"
     file.write_bytes("t;Lenkwinkel [°];Text\n0;1.5;süd\n1;2.5;süd\n".encode("cp1252"))
     assert read_columns(file, ["Lenkwinkel [°]"])["Lenkwinkel [°]"] == pytest.approx([1.5, 2.5])

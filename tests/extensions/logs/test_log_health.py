@@ -27,7 +27,7 @@ def lines_of(columns, offset=432, **more):
     return health_lines([pa.table(columns)], field_map(columns, steer={"offset": offset, "scale": SCALE}, **more))
 
 
-def test_log_without_faults_reports_only_scatter_and_steering_centres():
+def test_health_of_a_fault_free_log_contains_only_scatter_and_centres():
     scatter, centres = lines_of(field_log(DRIVEN, counts=counts_about(432)))
     assert float(scatter.split("scatter by ")[1].split()[0]) == pytest.approx(1.0, abs=0.1)
     assert centres.startswith("log: the steering explains 100 % of the yaw rate; steering centre: ")
@@ -91,13 +91,13 @@ def test_replay_reports_the_offset_of_the_steering_centre(reverse):
     assert not any("whether the steering sensor has moved" in line for line in doubts(right, BICYCLE.tractor))
 
 
-def test_steering_centre_of_a_sensor_with_two_scales_is_correct():
+def test_steering_centre_of_a_sensor_with_two_scales_is_identified():
     columns = field_log(DRIVEN, counts=lambda wheel: 2040 + np.degrees(wheel) / np.where(wheel > 0, 0.085, 0.115))
     assert not any("but the map has" in line for line in lines_of(columns, 2040))
     assert any("the steering centre in this log is 204" in line for line in lines_of(columns, 2060))
 
 
-def test_steering_centre_is_reported_for_bursts_too_short_for_a_fit():
+def test_steering_centre_is_reported_for_segments_too_short_for_a_fit():
     columns = field_log(DRIVEN, counts=counts_about(370))
     kept = columns["t"] % 8.0 < 2.0
     lines = lines_of({name: values[kept] for name, values in columns.items()})
@@ -119,7 +119,7 @@ def test_no_centre_is_reported_if_steering_does_not_explain_yaw_rate():
 
 
 @pytest.mark.parametrize("options", [["--describe"], ["--only", "replay", "--set", "plant.kind=bicycle"]])
-def test_describe_and_replay_report_the_health_of_the_log(tmp_path, call, options):
+def test_describe_and_replay_commands_report_the_health_of_the_log(tmp_path, call, options):
     pacsv.write_csv(pa.table(field_log(path(duration=30.0), counts=counts_about(370))), tmp_path / "log.csv")
     lines = ['time.column = "t"', 'speed.column = "speed"', "[steer]", 'column = "steer"', "offset = 432"]
     lines += [f"scale = {SCALE}", "[heading]", 'column = "heading"', 'convention = "enu"']
@@ -130,7 +130,7 @@ def test_describe_and_replay_report_the_health_of_the_log(tmp_path, call, option
     assert "but the map has 432: the sensor has moved" in out
 
 
-def test_health_of_the_log_follows_the_reason_of_its_rejection(tmp_path, call):
+def test_log_health_is_printed_after_the_reason_for_a_rejection(tmp_path, call):
     columns = field_log(path(duration=120.0), counts=counts_about(432))
     kept = columns["t"] % 8.0 < 2.0
     pacsv.write_csv(pa.table({name: values[kept] for name, values in columns.items()}), tmp_path / "log.csv")

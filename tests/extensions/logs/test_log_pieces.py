@@ -55,19 +55,19 @@ def test_reverse_segments_are_found_with_unsigned_speed(turned, heading):
     assert any("deg off the course" in note for note in found.notes) == (heading and turned > 0)
 
 
-def test_every_displacement_of_a_reverse_segment_has_its_sign():
+def test_displacements_of_a_reverse_segment_have_a_negative_sign():
     forward = 0.5 * LEAST_LEG_M * np.repeat([1.0, -1.0, 1.0], [8, 4, 6])
     assert by_course(forward * np.exp(0.7j), LEAST_LEG_M) == pytest.approx(forward)
 
 
-def test_signed_speed_is_used_unchanged():
+def test_speed_with_a_sign_is_used_unchanged():
     speed, columns, log_map = shunt()
     found = pieces([read(columns | {"speed": speed}, log_map)])
     assert found.kept[0].speed.value == pytest.approx(speed)
     assert not any("no sign" in note for note in found.notes)
 
 
-def test_standstill_gaps_and_frozen_positions_are_omitted():
+def test_standstill_data_gaps_and_frozen_positions_are_omitted():
     _, columns, log_map = shunt()
     t = columns["t"]
     for name in ("x", "y"):
@@ -82,7 +82,7 @@ def test_standstill_gaps_and_frozen_positions_are_omitted():
         assert why in found.notes[0]
 
 
-def test_several_logs_are_split_by_time():
+def test_recordings_of_several_logs_are_split_at_a_fraction_of_their_time():
     _, columns, log_map = shunt()
     recordings = [read(columns, log_map)] * 2
     kept = pieces(recordings, 5.0, 65.0).kept
@@ -102,7 +102,7 @@ def test_log_at_standstill_is_reported():
         pieces([read(columns, log_map)], 0.0, 3.0)
 
 
-def test_fix_quality_may_be_a_word_or_a_boolean():
+def test_fix_quality_column_may_contain_words_or_booleans():
     _, columns, log_map = shunt()
     n = len(columns["t"])
     columns |= {"fix": ["fixed"] * 300 + ["float"] * (n - 300), "ok": [False] * 100 + [True] * (n - 100)}
@@ -115,7 +115,7 @@ def test_fix_quality_may_be_a_word_or_a_boolean():
 
 
 @pytest.mark.parametrize("values", [0, 1, 3])
-def test_segment_with_few_heading_values_has_no_heading(values):
+def test_heading_of_a_segment_with_few_heading_values_is_omitted(values):
     """A log whose receiver found its heading late is still replayed by the rest, not interpolated through a value."""
     _, columns, log_map = shunt()
     late = np.arange(len(columns["t"])) >= 200 - values
@@ -136,7 +136,7 @@ def test_speed_inconsistent_with_the_positions_is_rejected():
         check_columns(pieces([read(columns | {"speed": columns["speed"] / 3.6}, log_map)]).kept)
 
 
-def test_swapped_axes_are_rejected_by_the_heading():
+def test_comparison_with_the_heading_rejects_swapped_position_axes():
     _, columns, log_map = shunt()
     with pytest.raises(
         FieldLogError,
@@ -146,7 +146,7 @@ def test_swapped_axes_are_rejected_by_the_heading():
         check_columns(pieces([read(columns | {"x": columns["y"], "y": columns["x"]}, log_map)]).kept)
 
 
-def test_log_without_positions_is_unchanged():
+def test_log_without_positions_is_not_divided():
     _, columns, log_map = shunt()
     found = pieces([read(columns, log_map.model_copy(update={"position": None}))], 5.0, 65.0)
     assert [(each.start, each.end) for each in found.kept] == [pytest.approx((5.0, 65.0))]
@@ -155,7 +155,7 @@ def test_log_without_positions_is_unchanged():
     check_columns(found.kept)
 
 
-def test_log_segment_that_starts_while_driving_agrees_with_positions():
+def test_speed_of_a_segment_starting_at_speed_agrees_with_positions():
     """40 s at 0.5 m/s, then 20 s at 5 m/s: the speed at each time makes the way."""
     t = np.arange(0, 60, 0.1)
     speed = np.interp(t, [0, 39.5, 40.5, 60], [0.5, 0.5, 5, 5])
@@ -211,7 +211,7 @@ def test_permanent_position_jump_divides_a_log_into_segments():
         assert np.degrees(np.abs(each.yaw_rate.value - rate).max()) < 0.5
 
 
-def test_noise_fast_turns_and_wrong_units_are_not_jumps():
+def test_noise_fast_turns_and_wrong_units_are_not_position_jumps():
     speed, columns, log_map = shunt()
     rng = np.random.default_rng(2)
     noisy = {name: columns[name] + np.repeat(0.3 * rng.standard_normal(750), 2) for name in "xy"}
@@ -226,7 +226,7 @@ def test_implausible_positions_are_rejected():
         read(columns | {"x": columns["x"] + 20 * (places * (columns["t"] % 3 < 2))}, log_map)
 
 
-def test_fit_rejects_positions_at_one_per_second():
+def test_fit_rejects_a_position_rate_of_one_per_second():
     _, columns, log_map = shunt()
     slow = 20 * (np.arange(len(columns["t"])) // 20)
     found = pieces([read(columns | {name: columns[name][slow] for name in "xy"}, log_map)])

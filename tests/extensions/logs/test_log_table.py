@@ -13,7 +13,7 @@ def logs(tmp_path):
     return tmp_path / "logs.toml"
 
 
-def test_unusable_log_has_a_table_row_with_the_reason(logs, capsys):
+def test_table_row_of_an_unusable_log_contains_the_reason(logs, capsys):
     assert log_table.main([str(logs)]) == 0
     (row,) = log_table.rows_of(logs.with_suffix(".md").read_text())
     assert row[1] == "mine"
@@ -23,7 +23,7 @@ def test_unusable_log_has_a_table_row_with_the_reason(logs, capsys):
     assert capsys.readouterr().out == logs.with_suffix(".md").read_text()
 
 
-def test_next_release_adds_a_row_and_keeps_earlier_rows(logs, monkeypatch):
+def test_table_for_a_new_release_keeps_rows_of_earlier_releases(logs, monkeypatch):
     monkeypatch.setattr(log_table, "cells", lambda log, folder: ("60", "1.0 / 2.0", "0.1 / 0.2", "90%", "-", "-"))
     log_table.main([str(logs)])
     before = log_table.rows_of(logs.with_suffix(".md").read_text())
@@ -38,6 +38,6 @@ def test_next_release_adds_a_row_and_keeps_earlier_rows(logs, monkeypatch):
     assert after[-1][3] == "9.0 / 9.0"
 
 
-def test_missing_file_prints_the_usage(capsys):
+def test_log_table_script_without_a_file_prints_its_usage(capsys):
     assert log_table.main(["none.toml"]) == 2
     assert "usage" in capsys.readouterr().err

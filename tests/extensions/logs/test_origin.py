@@ -28,7 +28,7 @@ def driven():
 
 
 @pytest.mark.parametrize("file", COMMANDS)
-def test_every_command_writes_the_identity_of_logs_scenario_and_code(file, driven, tmp_path, call):
+def test_every_log_command_writes_identity_of_logs_scenario_and_code(file, driven, tmp_path, call):
     write_log(driven, tmp_path / "run")
 
     def identity(*more, rows=1040):

@@ -26,7 +26,7 @@ def read(columns, **tables):
 
 
 @pytest.mark.parametrize("convention", ["enu", "compass"])
-def test_heading_is_converted_to_angle_from_east_and_gives_yaw_rate(convention):
+def test_heading_is_converted_to_yaw_and_differentiated_to_yaw_rate(convention):
     told = np.degrees(YAW) if convention == "enu" else 90.0 - np.degrees(YAW)
     found = read({"h": told % 360.0}, heading={"column": "h", "convention": convention})
     apart = found.heading.value - YAW
@@ -47,7 +47,7 @@ def test_yaw_rate_is_derived_from_the_course_of_positions(rate_hz):
     assert found.yaw_rate.t[0] <= T[0] + COURSE_S
 
 
-def test_yaw_rate_of_slow_driving_is_not_attenuated():
+def test_derived_yaw_rate_is_not_attenuated_at_low_speed():
     slow = 0.4 / SPEED
     columns = {"x": slow * ARC[:, 0], "y": slow * ARC[:, 1], "speed": np.full(len(T), 0.4)}
     found = read(columns, **POSITION)
@@ -62,7 +62,7 @@ def test_position_noise_is_smoothed_when_deriving_the_yaw_rate():
     assert 1e-4 < np.sqrt(np.mean(error**2)) < 0.02
 
 
-def test_averaging_of_a_steering_sensor_is_compensated():
+def test_averaging_by_the_steering_sensor_is_compensated():
     """The mean of a sine of w over a time a falls short by sin(w a / 2) / (w a / 2)."""
     w, a = 2.0, 0.4
     angle = 0.2 * np.sin(w * T)
@@ -83,7 +83,7 @@ def test_segment_omits_channels_with_too_few_values():
     assert (len(later.position.t), later.start, later.end) == (201, 10.0, 20.0)
 
 
-def test_position_with_a_single_coordinate_is_rejected():
+def test_position_map_with_a_single_coordinate_is_rejected():
     for key in ("east", "north", "latitude", "longitude"):
         with pytest.raises(ValidationError, match="specify either latitude and longitude, or east and north"):
             PositionColumns.model_validate({key: "x"})
@@ -110,7 +110,7 @@ GLITCHES = np.array([40, 131, 260, 411, 540])
 
 @pytest.mark.parametrize("held", [1, 2, 4])
 @pytest.mark.parametrize("off", [3.0, -0.4])
-def test_isolated_outliers_are_detected(held, off):
+def test_isolated_outliers_of_a_signal_are_detected(held, off):
     """Of a signal with noise, each value held for some rows, and with a row without one."""
     random = np.random.default_rng(8)
     values = 0.2 * np.sin(T) + 0.005 * random.standard_normal(len(T))
@@ -141,7 +141,7 @@ def test_fast_feasible_motion_is_not_an_outlier(values):
 
 
 @pytest.mark.parametrize("zero", [0.0, -np.pi])
-def test_radians_mapped_as_degrees_are_detected_by_their_wrapping(zero):
+def test_heading_in_radians_mapped_as_degrees_is_detected_by_wrapping(zero):
     turning = (YAW - zero) % (2 * pi) + zero
     assert np.ptp(turning) > 6.0
     with pytest.raises(FieldLogError, match=r"'h' wraps by 2 pi, as angles in radians do; set heading.unit"):

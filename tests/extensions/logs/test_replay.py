@@ -83,7 +83,7 @@ def as_csv(log, file, **changes):
 # --- residuals ----------------------------------------------------------------------------------------------------
 
 
-def test_replay_of_the_same_plant_leaves_only_sensor_noise(driven):
+def test_replay_with_the_true_plant_leaves_only_sensor_noise(driven):
     found = replay(driven.signals, None, driven.scenario).metrics
     assert found["outcome"] == "completed"
     assert found["speed_rms"] < 0.01
@@ -105,7 +105,7 @@ def test_replay_from_the_middle_of_a_log_starts_at_its_speed(driven):
     assert degrees(found.metrics["yaw_rate"]["rms"]) < 0.16
 
 
-def test_valve_is_replayed_with_its_own_delay_and_dead_band(driven):
+def test_replayed_valve_has_the_delay_and_dead_band_of_the_log(driven):
     found = replay(driven.signals, None, driven.scenario, by="valve").metrics
     assert degrees(found["steer_rms"]) < 0.3
     other = replay(driven.signals, None, driven.scenario.changed({"steering.valve.dead_band_v": 0.8}), by="valve")
@@ -165,7 +165,7 @@ def test_measured_length_of_a_track_is_independent_of_its_shape(driven):
     assert "times as long" not in summary(replay(driven.signals, None, driven.scenario), driven.scenario.tractor)
 
 
-def test_constant_positions_are_rejected(driven):
+def test_log_with_constant_positions_is_rejected(driven):
     still = with_column(driven.signals, "gnss_x", np.zeros(driven.signals.num_rows))
     still = with_column(still, "gnss_y", np.zeros(driven.signals.num_rows))
     with pytest.raises(FieldLogError, match="'gnss_x' and 'gnss_y' are constant; specify other columns"):
@@ -182,7 +182,7 @@ def test_error_for_projected_coordinates_names_the_origin_keys(driven, offset):
     assert len(str(told.value)) < 250
 
 
-def test_replayed_antenna_tilts_with_the_tractor_on_a_slope():
+def test_antenna_tilt_on_a_slope_is_included_in_the_replay():
     keys = {"duration_s": 14, "controller.kind": "pd", "plant.tyre.kind": "magic_formula"}
     log = run(load_scenario("side_slope_10", keys))
     found = replay(log.signals, None, log.scenario)
@@ -233,7 +233,7 @@ def test_link_recording_is_read_as_a_log(driven, tmp_path):
     assert found["position"]["windows_rms"] < 0.05
 
 
-def test_course_is_used_without_gyro_and_heading(driven):
+def test_course_of_positions_is_used_without_gyro_and_heading(driven):
     table = driven.signals.drop_columns(["gyro"])
     found = replay(table, None, driven.scenario).metrics["yaw_rate"]
     assert found["source"] == "course"
@@ -271,7 +271,7 @@ def test_replay_command_reports_errors(driven, tmp_path, call, old, new, told):
     assert "Traceback" not in err
 
 
-def test_invalid_columns_give_exit_status_2(driven, tmp_path, call):
+def test_replay_of_invalid_columns_gives_exit_status_2(driven, tmp_path, call):
     (tmp_path / "map.toml").write_text(MAP)
     n = len(driven.signals)
     still = np.zeros(n)
@@ -287,7 +287,7 @@ def test_invalid_columns_give_exit_status_2(driven, tmp_path, call):
         assert (status, told in err) == (2, True), err
 
 
-def test_log_without_a_known_map_gives_a_message_requesting_a_map(tmp_path, call):
+def test_error_for_a_log_of_unknown_columns_requests_a_map(tmp_path, call):
     pq.write_table(pa.table({"a": [1.0, 2.0]}), tmp_path / "log.parquet")
     status, _, err = call("twin", "--only", "replay", "log.parquet")
     assert (status, "--map map.toml" in err) == (2, True)

@@ -31,7 +31,7 @@ def test_map_keys_named_on_the_page_exist():
     assert set(re.findall(r"`(origin_\w+)`", TEXT)) <= set(PositionColumns.model_fields)
 
 
-def test_csv_columns_on_the_page_equal_the_built_in_map():
+def test_csv_columns_on_the_page_equal_those_of_the_built_in_map():
     table = TEXT.partition("if the columns have these names:")[2].partition("Other columns are ignored")[0]
     assert set(re.findall(r"`(\w+)`", table)) == set(named_columns(AGOPENGPS_MAP))
 
@@ -42,7 +42,7 @@ def test_every_option_named_on_the_page_exists():
     assert set(re.findall(r"--[a-z][a-z-]*", TEXT)) <= known
 
 
-def test_every_metric_explained_on_the_page_is_written():
+def test_every_metric_explained_on_the_page_is_a_replay_metric():
     log = run(load_scenario("circle", {"plant.kind": "bicycle", "duration_s": 12, "sensors.gyro.enabled": True}))
     found = replay(log.signals, None, log.scenario).metrics
     table = TEXT.partition("`replay.json` contains:")[2].partition("`replay.parquet`")[0]

@@ -38,7 +38,7 @@ def columns():
     return field_log(path(swing_deg=12.0), every=1, counts=lambda wheel: CENTRE + np.degrees(wheel) / DEG_PER_COUNT)
 
 
-def test_lines_have_the_time_stamps_of_the_logger(tmp_path, columns):
+def test_values_have_the_time_stamps_of_the_logged_lines(tmp_path, columns):
     (tmp_path / "log").write_text("\n".join(lines_of(columns)))
     log = open_log(tmp_path / "log")
     table = {name: log.source[name].to_numpy(zero_copy_only=False) for name in log.source.column_names}
@@ -63,7 +63,7 @@ def test_damaged_lines_are_counted_and_too_many_rejected(tmp_path, columns):
         open_log(tmp_path / "log")
 
 
-def test_log_of_lines_is_calibrated_without_a_map(tmp_path, columns, asked):
+def test_log_of_time_stamped_lines_is_calibrated_without_a_map(tmp_path, columns, asked):
     (tmp_path / "log").write_text("\n".join(lines_of(columns)))
     known = "--machine", "utility", "--set", "tractor.wheelbase_m=2.5"
     found, err = asked("twin", "log", "--only", "calibrate", *known)

@@ -96,7 +96,7 @@ def test_track_too_tight_for_the_machine_gives_no_scenario(radius, files):
 
 
 @pytest.mark.parametrize(("rear", "identified", "keys"), [(6.0, True, 3), (6.0, False, 0), (89.0, True, 0)])
-def test_tyre_parameters_are_written_for_both_axles_or_omitted(rear, identified, keys):
+def test_tyre_parameters_are_written_for_both_axles_or_for_none(rear, identified, keys):
     scenario = load_scenario("straight_line")
     t, found = scenario.tractor, {}
     for axle, C in (("front", 5.0 * t.front_axle_load), ("rear", rear * t.rear_axle_load)):
@@ -107,7 +107,7 @@ def test_tyre_parameters_are_written_for_both_axles_or_omitted(rear, identified,
     scenario.changed({key: each.value for key, each in tyres.items()})
 
 
-def test_report_gives_the_source_of_unidentified_quantities():
+def test_twin_report_gives_the_source_of_unidentified_quantities():
     scenario = load_scenario("straight_line", {"machine": "utility", "tractor.mass_kg": 2600.0})
     key = "tractor.steer_limit_deg"
     found = {name: (value, source) for name, value, source in not_told(scenario, {key: TwinKey(50.0, "of the log")})}
@@ -207,7 +207,7 @@ def test_effect_of_a_wrong_steering_centre_is_given_in_centimetres(one, tmp_path
     assert f"The wheels point {15 * abs(h.scale):.1f} deg further to the {side} than the map says" in out
 
 
-def test_calibrate_and_replay_run_together_and_print_json(one, tmp_path, call):
+def test_twin_command_calibrates_and_replays_and_prints_json(one, tmp_path, call):
     given = (one / "log.csv", "--map", one / "twin" / "map.toml", *BICYCLE, "--to", 60, "--out", "parts")
     status, out, err = call("twin", *given, "--only", "calibrate,replay", "--json")
     assert (status, err) == (0, "")
@@ -228,7 +228,7 @@ def test_report_command_names_the_existing_report_of_a_twin(call, tmp_path):
     assert call("report", "mine") == (2, "", "mine: twin has already written its report, report.html, to this folder\n")
 
 
-def test_unknown_twin_part_is_reported(call):
+def test_unknown_part_for_the_twin_command_is_reported(call):
     status, _, err = call("twin", "log.csv", "--only", "calibrat")
     assert status == 2
     assert err.startswith("--only calibrat: unknown; did you mean 'calibrate'")
@@ -244,7 +244,7 @@ def test_latency_outside_the_search_range_is_rejected(one):
 
 
 @lengths
-def test_log_yields_a_twin_that_runs(tmp_path, full):
+def test_twin_command_turns_a_log_into_a_scenario_that_runs(tmp_path, full):
     """What the owner did not know is found within its interval, his centre is outside, and the twin drives."""
     pairs = "(found.found['steer.offset'], CENTRE), (found.found['steer.scale'], SCALE)"
     ends = f"[[found.low, hidden, found.high] for found, hidden in ({pairs})]"

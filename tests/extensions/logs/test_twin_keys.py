@@ -29,7 +29,7 @@ def calibrated():
     return calibrate([pa.table(columns)], field_map(columns, steer=steer, position={"ahead_m": 0.0}), UTILITY)
 
 
-def test_twin_keys_contain_the_identified_sensor_errors(calibrated):
+def test_scenario_keys_of_a_twin_contain_the_identified_sensor_errors(calibrated):
     keys = twin_keys(calibrated, vehicle_quantities(calibrated.fit, calibrated.data.chassis), UTILITY)
     values = {key.removeprefix("sensors."): each.value for key, each in keys.items()}
     assert values["steering_pot.centre_deg"] == pytest.approx(-20 * 0.1, abs=0.1)
@@ -42,7 +42,7 @@ def test_twin_keys_contain_the_identified_sensor_errors(calibrated):
     UTILITY.changed({key: each.value for key, each in keys.items()})
 
 
-def test_latency_above_receiver_latency_becomes_a_fault(calibrated):
+def test_latency_above_that_of_the_receiver_is_written_as_a_fault(calibrated):
     (fault,) = twin_faults(calibrated)
     assert fault["kind"] == "heading_delay"
     assert fault["delay_s"] == pytest.approx(LATE_ROWS * TICK_S, abs=TICK_S)

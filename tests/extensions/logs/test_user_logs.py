@@ -44,7 +44,7 @@ def test_noisy_positions_do_not_reverse_the_direction_of_travel(speed, noise_m, 
     assert found.recording.speed.value.min() > 0
 
 
-def test_inaccurate_positions_without_a_heading_are_named_as_reason():
+def test_rejection_names_inaccurate_positions_without_heading_as_reason():
     columns = field_log(path(duration=40.0), every=10, noise_m=0.26, heading=False)
     told = "that the log has bends to both sides, or add a heading or a gyro, because the positions scatter by 2"
     with pytest.raises(FieldLogError, match=told):
@@ -75,14 +75,14 @@ def test_steering_corrects_travel_direction_after_position_jumps():
     assert found.reverse_m == 0.0
 
 
-def test_speed_mapped_as_signed_keeps_its_sign():
+def test_speed_mapped_as_a_signed_value_keeps_its_sign():
     columns = field_log(path(reverse=[(20.0, 32.0)]), heading=False)
     assert directed(recorded(columns)).reverse_m > 10
     assert directed(recorded(columns, speed={"signed": True})).reverse_m == 0.0
     assert pieces([recorded(columns, speed={"signed": True})]).signed
 
 
-def test_message_names_a_wrong_antenna_position_as_the_reason():
+def test_rejection_names_a_wrong_antenna_position_as_the_reason():
     """Of a machine that turns about its rear axle nearly on the spot, as in 40 m of positions and 23 m of speed."""
     driven = path(speed=0.5, swing_deg=65.0)
     columns = field_log(driven, ahead=5.0)
@@ -95,7 +95,7 @@ def test_message_names_a_wrong_antenna_position_as_the_reason():
         check_columns([recorded(columns, position={"ahead_m": 5.0}, speed={"scale": 3.0})])
 
 
-def test_bursts_are_reported_with_length_and_period():
+def test_log_recorded_in_bursts_is_reported_with_length_and_period():
     columns = field_log(path(duration=120.0))
     kept = columns["t"] % 8.0 < 2.0
     recording = recorded({name: values[kept] for name, values in columns.items()})
@@ -110,7 +110,7 @@ def test_bursts_are_reported_with_length_and_period():
     assert bursts(recorded(columns)) is None
 
 
-def test_describe_accepts_words_as_fix_quality(tmp_path, call):
+def test_describe_command_accepts_words_as_fix_quality(tmp_path, call):
     columns = field_log(path()) | {"fix": ["RTK Fixed"] * 1200}
     pacsv.write_csv(pa.table(columns), tmp_path / "log.csv")
     lines = ['time.column = "t"', 'steer.column = "steer"', 'speed.column = "speed"', 'heading.column = "heading"']

@@ -62,7 +62,7 @@ def test_steering_delay_and_scale_are_identified_relative_to_the_gyro():
     assert "heading.offset" not in found
 
 
-def test_latency_of_the_speed_is_not_identified_at_constant_speed():
+def test_latency_of_the_speed_sensor_is_not_identified_at_constant_speed():
     """The noise of the speed would be laid on that of the positions at some age, and be sure of it."""
     found = calibrate([gyro_log(hidden(0), 0.1, 2.0)], None, BICYCLE)
     age = found.found["speed.delay_s"]
@@ -105,7 +105,7 @@ def test_shift_of_the_steering_centre_between_log_halves_is_detected(log):
     assert second - first == pytest.approx(radians(3), abs=radians(0.2))
 
 
-def test_degrees_mapped_as_radians_are_reported(log):
+def test_angle_in_degrees_mapped_as_radians_is_reported(log):
     at = log.signals.column_names.index("steer_measured")
     wrong = log.signals.set_column(at, "steer_measured", pc.multiply(log.signals["steer_measured"], 180 / np.pi))
     assert any('The readings seem to be in deg; if so, set unit = "deg"' in line for line in told_of(wrong))
@@ -128,7 +128,7 @@ def test_gyro_mapped_as_steering_angle_is_rejected():
         calibrate([log.rename_columns([names.get(name, name) for name in log.column_names])], None, BICYCLE)
 
 
-def test_reverse_driving_with_unsigned_speed_is_reported(log):
+def test_reverse_driving_with_an_unsigned_speed_is_reported(log):
     at, reverse = log.signals.column_names.index("steer_measured"), pc.negate(log.signals["steer_measured"])
     found = calibrate([log.signals.set_column(at, "steer_measured", reverse)], None, BICYCLE, 0.0, 40.0)
     assert any("unless most of the drive was in reverse" in line for line in sentences(found, BICYCLE.tractor))
@@ -156,7 +156,7 @@ def test_steering_limit_below_the_recorded_angles_is_reported(log):
         ({"speed_hat": 0.0}, "never reaches"),
     ],
 )
-def test_logs_without_sufficient_excitation_are_rejected(log, change, told):
+def test_logs_with_too_little_steering_excitation_are_rejected(log, change, told):
     table = log.signals
     for name, value in change.items():
         table = table.set_column(table.column_names.index(name), name, pa.array(np.full(len(table), value)))
@@ -183,13 +183,13 @@ def exchanged(table):
     return table.rename_columns([names.get(name, name) for name in table.column_names])
 
 
-def test_swapped_axes_are_rejected_by_the_gyro(log):
+def test_comparison_with_the_gyro_rejects_swapped_position_axes(log):
     told = r"the positions turn right where the gyro turns left; check whether the columns of \[position\] for east"
     with pytest.raises(FieldLogError, match=told):
         calibrate([exchanged(log.signals)], None, BICYCLE)
 
 
-def test_swapped_axes_that_mirror_the_steering_are_reported(log):
+def test_swapped_position_axes_that_mirror_the_steering_are_reported(log):
     blind = built_in(log.signals.column_names, "log").model_copy(update={"yaw_rate": None, "heading": None})
     for table, side in ((log.signals, "left"), (exchanged(log.signals), "right")):
         found = calibrate([table], blind, BICYCLE, 0.0, 40.0)
@@ -200,7 +200,7 @@ def test_swapped_axes_that_mirror_the_steering_are_reported(log):
         assert len(doubts) == (side == "right")
 
 
-def test_short_log_calibrates_sensors_without_identifying_stiffness(log, tmp_path, call):
+def test_short_log_calibrates_sensors_but_identifies_no_tyre_stiffness(log, tmp_path, call):
     arguments = "twin", "--only", "identify", "log.parquet", "--set", "plant.kind=bicycle", "--out", "found"
     pq.write_table(log.signals, tmp_path / "log.parquet")
     assert call(*arguments)[0] == 0

@@ -15,7 +15,7 @@ from agrobot_mj.extensions.logs.calibrate import calibrate
 FEW = (0, 1)  # Machines of the quick test: a wheel speed with a gyro, and two scales with the speed of a receiver
 
 
-def test_quantities_of_drawn_machines_lie_inside_their_intervals():
+def test_identified_values_of_random_machines_lie_in_their_intervals():
     for seed in FEW:
         found = errors(seed, 80.0)
         outside = {key: each for key, each in found.items() if abs(each[0]) > each[1]}
@@ -24,7 +24,7 @@ def test_quantities_of_drawn_machines_lie_inside_their_intervals():
         assert sum(told for *_, told in found.values()) >= len(found) - 1
 
 
-def test_two_drives_of_one_machine_agree_within_their_intervals():
+def test_identifications_from_two_drives_agree_within_their_intervals():
     one, other = (
         calibrate([log.table], log.log_map, log.scenario).found for log in (owned(2, 80.0, again=k) for k in (0, 1))
     )
@@ -32,14 +32,14 @@ def test_two_drives_of_one_machine_agree_within_their_intervals():
         assert abs(one[key].value - other[key].value) < hypot(one[key].half, other[key].half), key
 
 
-def test_receiver_with_one_fix_per_second_is_rejected_with_its_rate():
+def test_log_with_one_fix_per_second_is_rejected_with_its_fix_rate():
     log = owned(0, 40.0, drawn(0)._replace(position_hz=1))
     with pytest.raises(FieldLogError, match=r"the rate of \[position\] is 1 Hz, but a fit needs 2\.5 Hz"):
         calibrate([log.table], log.log_map, log.scenario)
 
 
 @pytest.mark.slow
-def test_intervals_contain_the_truth_in_90_of_100_drawn_machines():
+def test_intervals_contain_the_true_value_for_90_of_100_random_machines():
     """Of 95 % intervals as many hold with a chance of 99 %."""
     inside, told = Counter[str](), Counter[str]()
     for seed in range(100):

@@ -72,7 +72,7 @@ def test_only_complete_windows_are_used_for_the_fit(gap, windows):
     assert np.diff(data.channels["yaw_rate"].t, axis=1).max() < 0.5
 
 
-def test_noise_model_is_an_autoregression_or_zero():
+def test_noise_model_of_residuals_is_autoregressive_or_zero():
     """Of windows of x[k] = 0.6 x[k - 1] + 0.3 e[k] that one says so; residuals of 0 stay finite."""
     e = 0.3 * np.random.default_rng(4).standard_normal((400, 60))
     x = np.zeros_like(e)

@@ -20,7 +20,7 @@ def log_with_hidden_stiffness(duration=60.0):
 
 
 @NEEDS_SYSID
-def test_fitted_keys_agree_with_the_hidden_values_and_with_identify():
+def test_fitted_keys_agree_with_true_values_and_with_identify_command():
     log = log_with_hidden_stiffness()
     found = fit_keys([log], None, BICYCLE, list(HIDDEN))
     own = identify_vehicle([log], None, BICYCLE, ("front", "rear", "offset", "delay", "backlash"), share=0.9).found
@@ -34,7 +34,7 @@ def test_fitted_keys_agree_with_the_hidden_values_and_with_identify():
 
 
 @NEEDS_SYSID
-def test_short_log_is_rejected_with_the_number_of_windows():
+def test_error_for_a_short_log_states_the_number_of_windows():
     with pytest.raises(TooLittleError, match="needs 6; use a longer log"):
         fit_keys([log_with_hidden_stiffness(20.0)], None, BICYCLE, list(HIDDEN))
 
@@ -48,6 +48,6 @@ def test_short_log_is_rejected_with_the_number_of_windows():
         ("front", "must be a scenario key"),
     ],
 )
-def test_keys_without_a_number_are_rejected_with_the_remedy(key, message):
+def test_keys_that_cannot_be_fitted_are_rejected_with_a_remedy(key, message):
     with pytest.raises(ScenarioError, match=message):
         fit_keys([log_with_hidden_stiffness(20.0)], None, BICYCLE, [key])

@@ -80,13 +80,13 @@ def test_valve_is_identified_from_a_noisy_figure_eight(calm, fitted):
 
 
 @pytest.mark.parametrize(("plant", "valve"), MORE)
-def test_different_valve_and_plant_are_also_identified(plant, valve):
+def test_valve_is_identified_for_other_valves_and_both_plants(plant, valve):
     log = log_of("figure_eight", plant, valve, **CALM)
     check(identify(log.signals), log.scenario, plant)
 
 
 @pytest.mark.parametrize(("plant", "valve"), by_turns(PLANTS, VALVES))
-def test_rate_limit_is_identified_from_a_run_that_reaches_it(plant, valve):
+def test_steering_rate_limit_is_identified_from_a_run_that_reaches_it(plant, valve):
     log = log_of("valve_identification", plant, valve)
     found = identify(log.signals)
     check(found, log.scenario, plant)
@@ -94,7 +94,7 @@ def test_rate_limit_is_identified_from_a_run_that_reaches_it(plant, valve):
     assert found.rate_reached_deg_s == pytest.approx(found.rate_limit_deg_s, rel=0.01)
 
 
-def test_rate_limit_that_was_not_reached_is_not_reported(calm, fitted):
+def test_steering_rate_limit_that_was_not_reached_is_not_reported(calm, fitted):
     found = fitted
     assert found.rate_limit_deg_s is None
     assert "rate_limit_deg_s" not in found.errors
@@ -111,17 +111,17 @@ def test_estimated_standard_errors_match_the_actual_errors(calm, fitted):
 
 
 @pytest.mark.parametrize("delay", [0.062, pytest.param(0.098, marks=pytest.mark.slow)])
-def test_delay_that_is_no_multiple_of_tick_or_step_is_identified(delay):
+def test_valve_delay_between_multiples_of_the_tick_is_identified(delay):
     log = log_of("figure_eight", "bicycle", {"delay_s": delay}, **CALM)
     assert identify(log.signals).delay_s == pytest.approx(delay, abs=0.004)
 
 
-def test_identified_valve_does_not_depend_on_the_first_seconds(calm):
+def test_identified_valve_does_not_depend_on_the_first_seconds_of_a_log(calm):
     late = calm.signals.slice(400)
     check(identify(late), calm.scenario, "bicycle")
 
 
-def test_windows_at_the_steering_stops_are_omitted(calm):
+def test_samples_at_the_steering_stops_are_omitted_from_the_fit(calm):
     """There the angle stays behind the flow; here it is bent by hand."""
 
     def with_angle(angle):
@@ -225,7 +225,7 @@ T = np.arange(1000) * 0.05
         ("valve_voltage", pa.array(6 + np.random.default_rng(3).normal(size=1000)), "valve not identified"),
     ],
 )
-def test_error_names_the_unusable_columns(calm, tmp_path, name, values, said):
+def test_error_for_an_unusable_log_names_the_columns(calm, tmp_path, name, values, said):
     pq.write_table(changed(calm.signals.slice(0, 1000), name, values), tmp_path / "signals.parquet")
     with pytest.raises(ScenarioError) as refused:
         identified(tmp_path)
@@ -249,7 +249,7 @@ def test_duplicate_columns_and_too_many_rows_are_reported(calm, tmp_path, monkey
         identify(tmp_path / "signals.parquet")
 
 
-def test_error_names_the_damaged_page(calm, tmp_path):
+def test_error_for_a_damaged_signals_file_names_the_file(calm, tmp_path):
     file = tmp_path / "signals.parquet"
     pq.write_table(calm.signals, file, compression="snappy", use_dictionary=False)
     content = bytearray(file.read_bytes())

@@ -42,7 +42,7 @@ def steady(hidden):
     return identify_vehicle(hidden.signals, None, BICYCLE, STEADY)
 
 
-def test_bicycle_is_identified_despite_backlash_offset_and_delay(hidden):
+def test_bicycle_parameters_are_identified_despite_backlash_and_delay(hidden):
     log = mistold(hidden.signals, np.radians(1.0), np.radians(0.5), 0.1)
     found = identify_vehicle(log, None, BICYCLE, STEADY).found
     for key, true in (
@@ -80,7 +80,7 @@ def test_log_without_backlash_gives_zero_backlash(steady):
     assert "and the scale of the wheel angle (checked by `agrobot-mj twin --only calibrate`)" in said(result)
 
 
-def test_effect_of_uncertain_machine_size_is_reported_with_intervals(hidden, steady):
+def test_effect_of_uncertain_machine_values_is_reported_with_intervals(hidden, steady):
     result, t, change = steady, BICYCLE.tractor, "10 % more yaw inertia"
     other = {"yaw_inertia_kg_m2": 1.1 * t.yaw_inertia_kg_m2, "front_load_fraction": t.front_load_fraction}
     given = identify_vehicle(hidden.signals, None, BICYCLE.changed({"tractor": other}), STEADY)
@@ -109,7 +109,7 @@ def test_fit_that_explains_no_variance_gives_no_result(hidden, spoil):
         identify_vehicle(hidden.signals.set_column(at, "steer_measured", pa.array(other)), None, BICYCLE, STEADY)
 
 
-def test_log_with_a_wrong_column_gives_no_result(hidden):
+def test_log_with_yaw_rate_as_wheel_angle_gives_no_result(hidden):
     """The yaw rate in the place of the wheel angle."""
     at = hidden.signals.column_names.index("steer_measured")
     rate = hidden.signals.set_column(at, "steer_measured", hidden.signals["yaw_rate"])
@@ -146,7 +146,7 @@ def test_logs_that_cannot_identify_the_vehicle_are_rejected(hidden):
         identify_vehicle(hidden.signals, None, BICYCLE, ("front", "rear", "bcklash"))
 
 
-def test_identify_command_writes_a_file_and_exit_status_shows_success(hidden, tmp_path, call):
+def test_identify_command_writes_a_file_and_sets_the_exit_status(hidden, tmp_path, call):
     write_log(hidden, tmp_path / "run")
     status, out, _ = call("twin", "--only", "identify", "run", "--fit", "front,rear,delay")
     assert status == 0

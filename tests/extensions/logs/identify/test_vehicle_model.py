@@ -66,7 +66,7 @@ def test_steady_state_yaw_gain_follows_from_the_understeer_gradient():
     assert found.yaw_rate[-1] == pytest.approx(3.0 * radians(4) / (L + K * 9.0), rel=1e-6)
 
 
-def test_model_stays_finite_without_relaxation_and_at_standstill():
+def test_model_stays_finite_at_standstill_and_without_relaxation_length():
     u = np.concatenate([np.full(500, 3.0), np.linspace(3.0, 0.0, 100), np.zeros(400)])
     found = simulate(chassis(), Lateral(12e3, 26e3, 0.0, 0.0), u, np.full(1000, 0.1), STEP_S)
     assert np.isfinite(found.yaw_rate).all()
@@ -78,6 +78,6 @@ def test_wheels_follow_the_cylinder_after_crossing_the_backlash():
     assert wheel_angle(steer, 0.01, 1.0, 0.0) == pytest.approx([0.0, 0.5, 1.5, 1.5, 1.5, 1.4, 0.5])
 
 
-def test_modelled_lag_is_of_first_order():
+def test_modelled_steering_lag_is_a_first_order_lag():
     found = wheel_angle(np.concatenate([[0.0], np.ones(200)]), 0.01, 0.0, 0.2)
     assert found[20] == pytest.approx(1 - np.exp(-1.0), abs=1e-3)

@@ -63,7 +63,7 @@ def test_frames_of_a_python_can_log_are_converted_to_quantities(written):
     assert len(log.source) == 2 * len(T)
 
 
-def test_curvature_is_converted_to_steering_angle_with_a_wheelbase(written):
+def test_curvature_is_converted_to_steering_angle_if_wheelbase_is_known(written):
     log = open_log(written)
     assert log.log_map is None
     with pytest.raises(FieldLogError, match=r'no wheel angle; .* curvature, with unit = "1/m" and wheelbase_m'):
@@ -73,7 +73,7 @@ def test_curvature_is_converted_to_steering_angle_with_a_wheelbase(written):
     assert steer.value == pytest.approx([atan(2.5 * kappa) for kappa in CURVATURE], abs=4e-4)
 
 
-def test_speed_source_with_more_values_is_used(tmp_path):
+def test_speed_message_with_the_most_values_is_used(tmp_path):
     lines = [f"({k / 10:.6f}) can0 18FE4926#{'DC05FFFFFFFFFFFD' if k % 2 else 'FFFFFFFFFFFFFFFF'}" for k in range(40)]
     lines += [f"({4 + k / 10:.6f}) can0 09F80203#00FC0000{'C800'}FFFF" for k in range(40)]
     (tmp_path / "log").write_text("\n".join(lines) + "\n(99.0) can0 18FE49")

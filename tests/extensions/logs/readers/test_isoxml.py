@@ -63,7 +63,7 @@ def test_isoxml_folder_file_and_zip_give_the_same_log(folder, tmp_path):
     checked(open_log(shutil.make_archive(tmp_path / "zipped", "zip", tmp_path, "job") and tmp_path / "zipped.zip"))
 
 
-def test_task_data_written_by_a_public_library_is_read(tmp_path):
+def test_task_data_written_by_the_isoxml_library_is_read(tmp_path):
     """The library isoxml writes task data and the description of a time log, and takes its bytes."""
     reason = "isoxml is not installed (uv sync, or make install)"
     iso = pytest.importorskip("isoxml.models.base.v4", reason=reason)
@@ -96,7 +96,7 @@ def test_task_data_written_by_a_public_library_is_read(tmp_path):
     checked(open_log(tmp_path / "task"))
 
 
-def test_time_logs_are_joined_in_order_and_cut_at_damage(folder):
+def test_time_logs_are_joined_in_order_and_end_where_they_are_damaged(folder):
     for name, day in (("TLG00002", 16_999), ("TLG00003", 17_001)):
         (folder / f"{name}.xml").write_text(HEADER)
         (folder / f"{name}.bin").write_bytes(b"".join(record(k, day=day) for k in range(20)) + b"\x01" * 9)
@@ -148,7 +148,7 @@ def test_malformed_task_descriptions_are_rejected_with_the_reason(folder, conten
         b"".join(record(k) for k in range(50_401, 50_461)),  # after 24:00
     ],
 )
-def test_impossible_records_are_ignored(folder, data):
+def test_time_log_records_with_impossible_values_are_ignored(folder, data):
     (folder / "TLG00001.BIN").write_bytes(data)
     with pytest.raises(FieldLogError, match="contains no time log with positions"):
         open_log(folder)
@@ -201,7 +201,7 @@ def test_public_isoxml_files_are_read_completely(name, positions, span, bounds):
         assert found == pytest.approx(bounds, abs=1e-5)
 
 
-def test_course_in_a_public_file_agrees_with_its_curvature():
+def test_course_and_curvature_of_a_public_file_agree():
     """The only check of the sign of PGN 44032 that is not our own: course and speed of a receiver on the same bus."""
     file = checkout("dev4Agriculture/isoxml-dotnet", "f7a832d9") / VECTORS / "LoadFromStream/Another-single-ACP.zip"
     names = ("t", "course", "curvature", "speed")

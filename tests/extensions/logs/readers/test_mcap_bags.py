@@ -87,7 +87,7 @@ def test_messages_of_a_bag_are_converted_to_quantities(bag):
     assert set(column["quality"][::2]) == {0, 4}
 
 
-def test_truncated_bag_is_read_up_to_its_end(bag):
+def test_truncated_bag_is_read_up_to_the_truncation(bag):
     data = bag.read_bytes()
     bag.write_bytes(data[: len(data) // 2])
     log = open_log(bag)
@@ -129,7 +129,7 @@ def test_fix_quality_is_taken_from_the_message_status():
         assert ("latitude" in found) == (quality > 0)
 
 
-def test_exported_run_is_replayed_with_matching_results(tmp_path):
+def test_replay_of_an_exported_run_reproduces_its_results(tmp_path):
     keys = {"plant.kind": "bicycle", "sensors.gyro.enabled": True, "sensors.imu.enabled": True, "duration_s": 45}
     log = run(load_scenario("figure_eight", keys))
     bag = pytest.importorskip("agrobot_mj.extensions.links.ros2.bag", reason="without the extension links")

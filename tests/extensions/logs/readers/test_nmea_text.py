@@ -181,7 +181,7 @@ def test_positions_without_a_quality_are_read(tmp_path):
     assert log.notes == ("from GGA: latitude, longitude",)
 
 
-def test_positions_without_a_quality_need_the_status_of_rmc(tmp_path):
+def test_positions_without_a_quality_require_the_rmc_status(tmp_path):
     lines = []
     for k in range(20):
         quality, status = ("", "V") if k < 8 else ("1", "A")
@@ -218,7 +218,7 @@ REASONS = {
 
 
 @pytest.mark.parametrize("name", REASONS)
-def test_unknown_receiver_log_is_rejected_with_its_reason(tmp_path, name):
+def test_unknown_receiver_log_is_rejected_with_a_reason(tmp_path, name):
     content, text = REASONS[name]
     (tmp_path / "log").write_bytes(content)
     with pytest.raises(FieldLogError, match=text):
@@ -251,7 +251,7 @@ def test_sentences_in_a_colored_terminal_recording_are_read(tmp_path):
     assert open_log(tmp_path / "typescript").source["quality"].to_pylist() == [4] * 20
 
 
-def test_sentences_after_many_of_another_instrument_are_read(tmp_path):
+def test_gnss_sentences_after_many_of_another_instrument_are_read(tmp_path):
     other = checked("$LXWP0,Y,13.0,21.3,0.02,0.02,0.02,0.02,0.02,0.02,,,") + "\r\n"
     (tmp_path / "flight").write_text(other * (1 + HEAD_BYTES // len(other)) + "\r\n".join(drive()))
     log = open_log(tmp_path / "flight")
@@ -259,14 +259,14 @@ def test_sentences_after_many_of_another_instrument_are_read(tmp_path):
 
 
 @pytest.mark.parametrize(("mode", "quality"), [("RRRR", 4), ("FRNN", 4), ("FDAN", 5), ("DANN", 2), ("ANNN", 1)])
-def test_fix_quality_of_a_gns_sentence_is_its_best_mode(tmp_path, mode, quality):
+def test_fix_quality_of_a_gns_sentence_is_that_of_its_best_mode(tmp_path, mode, quality):
     lines = [f"$GNGNS,{timed(k)},{place_of(k)},{mode},31,0.5,35.0,0.0,1.0,0,V" for k in range(9)]
     lines += [f"$GNGNS,{timed(9)},,,,,NNNN,0,99.9,,,,,V"]
     (tmp_path / "log").write_text("\n".join(map(checked, lines)))
     assert open_log(tmp_path / "log").source["quality"].to_pylist() == [quality] * 9 + [0]
 
 
-def test_sentences_in_stamped_lines_and_json_are_read(tmp_path):
+def test_sentences_in_time_stamped_lines_and_json_are_read(tmp_path):
     lines = []
     for k in range(20):
         stamp, first = f"2026-05-01T12:00:{k:02d}.250Z", f"$GNRMC,{timed(10 * k)},A,{place_of(k)},2.0,90.0,010526,,,R"
@@ -325,7 +325,7 @@ def test_log_with_only_ksxt_sentences_gives_position_and_speed(tmp_path):
     )
 
 
-def test_sentence_type_with_only_wrong_checksums_is_omitted_with_note(tmp_path):
+def test_sentence_type_with_only_wrong_checksums_is_omitted_and_reported(tmp_path):
     """Some receivers compute the checksum of one sentence wrongly."""
     lines = []
     for k in range(20):

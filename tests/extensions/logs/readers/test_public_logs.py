@@ -29,7 +29,7 @@ def groups(folder):
     return {file.name: public_logs.verdict(file, file.name).group for file in folder.iterdir()}
 
 
-def test_files_are_compared_with_the_expected_positions(folder, capsys):
+def test_public_log_check_compares_files_with_expected_positions(folder, capsys):
     assert groups(folder) == {
         "good.log": "read",
         "way.kml": "read",
@@ -42,7 +42,7 @@ def test_files_are_compared_with_the_expected_positions(folder, capsys):
     assert public_logs.main([str(folder)]) == 0
 
 
-def test_displaced_positions_and_reader_errors_fail_the_comparison(folder, monkeypatch):
+def test_public_log_check_detects_displaced_positions_and_reader_errors(folder, monkeypatch):
     read = public_logs.read
     monkeypatch.setattr(public_logs, "read", lambda file: read(file) + 1e-4)
     assert public_logs.verdict(folder / "good.log", "").group == "wrong"

@@ -43,7 +43,7 @@ def test_reader_is_selected_by_file_content(tmp_path, kind, name):
     assert not any(each.recognises(Head(tmp_path / name, FILES[kind])) for each in others)
 
 
-def test_parquet_is_read_as_columns_link_recording_or_run(tmp_path):
+def test_parquet_file_is_read_as_columns_link_recording_or_run(tmp_path):
     pq.write_table(pa.table({"a": [1.0]}), tmp_path / "x.txt")
     assert open_log(tmp_path / "x.txt").reader == "columns"
     (tmp_path / "run").mkdir()
@@ -52,7 +52,7 @@ def test_parquet_is_read_as_columns_link_recording_or_run(tmp_path):
 
 
 @pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.kind)
-def test_readers_do_not_recognise_unknown_content(reader, tmp_path):
+def test_no_reader_accepts_a_file_of_unknown_content(reader, tmp_path):
     chance = np.random.default_rng(0)
     junk = (b"", b"\0" * 100, chance.bytes(65536), b"PK\3\4" + bytes(99), b"\n" * 99, "\U0001f69c\n".encode() * 99)
     for data in junk:
@@ -62,7 +62,7 @@ def test_readers_do_not_recognise_unknown_content(reader, tmp_path):
     assert not reader.recognises(Head(tmp_path / "folder", b""))
 
 
-def test_unknown_format_is_reported_with_the_fix(tmp_path):
+def test_error_for_an_unknown_log_format_gives_a_remedy(tmp_path):
     (tmp_path / "x").write_bytes(b"north 7 east 8\n")
     with pytest.raises(FieldLogError, match=r"x: the format is unknown \(supported: run, link, .*; export it as CSV"):
         open_log(tmp_path / "x")
@@ -93,7 +93,7 @@ def family():
     READERS[:] = before
 
 
-def test_user_defined_reader_takes_precedence(family, tmp_path, call):
+def test_user_defined_reader_takes_precedence_over_built_in_readers(family, tmp_path, call):
     (tmp_path / "x.csv").write_text("gon ,\n" + "\n".join(f"{k / 10} {k % 7}" for k in range(100)))
     register(TwoWords)
     register(TwoWords)
@@ -108,7 +108,7 @@ def test_user_defined_reader_takes_precedence(family, tmp_path, call):
     assert (status, "on the bicycle plant" in out) == (0, True), err
 
 
-def test_error_names_a_reader_that_returns_the_wrong_type(family, tmp_path):
+def test_reader_that_returns_the_wrong_type_is_named_in_the_error(family, tmp_path):
     class Wrong(TwoWords):
         """Returns a number."""
 
@@ -125,7 +125,7 @@ def test_error_names_a_reader_that_returns_the_wrong_type(family, tmp_path):
         register(type("Can", (TwoWords,), {"__annotations__": {"kind": Literal["can"]}, "kind": "can", "__doc__": "x"}))
 
 
-def test_values_of_one_column_keep_their_own_times(tmp_path):
+def test_each_log_column_keeps_its_own_sample_times(tmp_path):
     samples = Samples(tmp_path / "x")
     for k in range(10):
         samples.add(100 + k, speed=k)
@@ -138,13 +138,13 @@ def test_values_of_one_column_keep_their_own_times(tmp_path):
     assert table["speed"].null_count == 11
 
 
-def test_clock_with_one_wrong_time_stamp_is_rejected():
+def test_log_with_one_wrong_time_stamp_is_rejected():
     t = np.append(0.05 * np.arange(100), 1e9)
     with pytest.raises(FieldLogError, match="jumps by 1e\\+09 s at row 101; remove the rows with a wrong time"):
         check_time("log", "t", t)
 
 
-def test_coverage_reports_gaps_separately_from_the_sample_rate():
+def test_gaps_of_a_signal_do_not_change_its_reported_sample_rate():
     t = np.array([0, 0.1, 0.2, 0.3, 5.3, 5.4, 5.5])
     found = coverage(t, np.where(t == 0.1, np.nan, 1.0))
     assert (found.values, found.rate, found.gap) == (6, pytest.approx(10), pytest.approx(5.0))
