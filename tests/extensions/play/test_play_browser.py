@@ -51,7 +51,7 @@ def until(condition):
 
 @needs_browser
 @pytest.mark.slow
-def test_browser_keys_steer_switch_laws_and_cause_a_rollover(game):
+def test_browser_keys_can_steer_select_laws_and_cause_a_rollover(game):
     drive: Play
     drive, page = game({"terrain.grade_deg": 25.0})
     with Browser((640, 400)) as browser:

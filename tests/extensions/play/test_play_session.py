@@ -96,7 +96,7 @@ def test_tractor_at_rest_on_a_slope_of_35_degrees_rolls_over():
     assert session.ticks == 1
 
 
-def test_roll_angle_on_a_slope_decreases_with_tyre_pressure():
+def test_roll_angle_on_a_slope_decreases_with_increasing_tyre_pressure():
     scenario = load_scenario("side_slope_10", {"machine": "utility"})
     rolls = []
     for bar in (0.8, 1.6):
@@ -106,7 +106,7 @@ def test_roll_angle_on_a_slope_decreases_with_tyre_pressure():
     assert radians(0.1) < rolls[0] - rolls[1] < radians(3.0)
 
 
-def test_guidance_law_returns_to_the_path_after_manual_driving(session):
+def test_guidance_law_returns_the_tractor_to_its_path_after_manual_driving(session):
     drive(session, 120, 0.06)
     assert abs(session.cross_track()) > 0.3
     session.hand_over(session.law_names.index("stanley") + 1)
@@ -126,7 +126,7 @@ def test_lower_friction_increases_the_lateral_slide_on_a_slope():
 
 
 @pytest.mark.parametrize("name", ADJUSTMENTS)
-def test_slider_adds_a_fault_that_ends_at_the_neutral_position(session, name):
+def test_slider_adds_a_fault_until_it_is_returned_to_neutral(session, name):
     each = ADJUSTMENTS[name]
     drive(session, 2)
     session.adjust(name, each.high if each.high != each.neutral else each.low)
@@ -150,7 +150,7 @@ def test_slider_moved_twice_in_one_tick_gives_one_fault(session):
     assert [fault.scale for fault in session.sim.scenario.fault if fault.kind == "friction"] == [0.4, 0.3]
 
 
-def test_latency_of_a_slider_is_rounded_to_whole_ticks(session):
+def test_latency_set_by_a_slider_is_rounded_to_whole_ticks(session):
     session.adjust("latency", 0.33)
     assert session.message == ""
     assert session.sim.scenario.fault[0].latency_s == pytest.approx(0.35)
@@ -176,7 +176,7 @@ def test_each_fault_kind_is_injected_or_rejected_with_a_message(session):
     assert injected > 10
 
 
-def test_restored_state_discards_later_inputs(session, tmp_path):
+def test_restoring_a_state_discards_the_inputs_after_it(session, tmp_path):
     drive(session, 30, 0.1)
     session.adjust("dead_band", 0.5)
     session.mark()
@@ -223,7 +223,7 @@ def test_error_in_a_guidance_law_switches_to_manual_steering(session, monkeypatc
     assert session.ticks == ticks + 1
 
 
-def test_number_of_an_unlisted_law_is_rejected(session):
+def test_law_number_outside_the_list_of_laws_is_rejected(session):
     with pytest.raises(CommandError, match="law: must be from 1"):
         session.hand_over(99)
 
@@ -261,13 +261,13 @@ def test_key_press_switches_from_the_guidance_law_to_manual_steering(session):
     assert session.given.law == 0
 
 
-def test_keys_are_released_when_the_browser_connection_is_lost():
+def test_steering_keys_are_released_when_the_browser_connection_is_lost():
     keys = Keys(left=True, seen=100.0)
     assert keys.at(100.2).left
     assert not keys.at(101.0).left
 
 
-def test_angle_of_the_steering_slider_is_held_until_a_key_press(session):
+def test_steering_slider_angle_is_held_until_a_steering_key_is_pressed(session):
     driver = PlayDriver(session)
     driver.set_angle(0.2)
     driver.tick(Keys())

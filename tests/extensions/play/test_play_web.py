@@ -153,7 +153,7 @@ def test_simulation_time_does_not_advance_without_an_open_page(tmp_path):
 
 
 @alone
-def test_run_of_a_saved_real_time_drive_gives_equal_signals(tmp_path):
+def test_rerun_of_a_saved_real_time_drive_reproduces_its_signals(tmp_path):
     options, pages = PlayOptions(seconds=3.0), ExitStack()
     with pages:
         ((folder, log),) = play(
@@ -199,7 +199,7 @@ def test_interrupt_saves_the_drive_and_ends_the_command(tmp_path):
         (["straight_line", "--set", "terrain.grade_deg=80"], "terrain"),
     ],
 )
-def test_invalid_play_argument_gives_one_message_and_no_folder(call, words, message, tmp_path):
+def test_invalid_play_argument_gives_one_message_and_writes_no_folder(call, words, message, tmp_path):
     status, _, err = call("play", *words, "--no-browser", "--seconds", "0", "--out", str(tmp_path / "out"))
     assert status == 2
     assert message in err

@@ -20,7 +20,7 @@ def played(file, laws=(), **keys):
     return {"guidance": {"kind": "played", "inputs": {"file": str(file)}, "laws": list(laws)}, **BICYCLE, **keys}
 
 
-def test_inputs_are_unchanged_by_writing_and_reading_the_table(tmp_path):
+def test_input_table_is_unchanged_by_writing_and_reading(tmp_path):
     changes = [(0, PlayInput()), (7, PlayInput(0, 0.1 + 0.2, 1 / 3)), (9, PlayInput(2, 0.0, nan))]
     write_inputs(tmp_path / "inputs.csv", changes)
     table = read_inputs(str(tmp_path / "inputs.csv"))
@@ -30,7 +30,7 @@ def test_inputs_are_unchanged_by_writing_and_reading_the_table(tmp_path):
     assert isnan(table.given[2].speed)
 
 
-def test_each_input_applies_until_the_next_input():
+def test_each_row_of_the_input_table_applies_until_the_next_row():
     table = PlayTable([3, 5], [PlayInput(speed=1.0), PlayInput(speed=2.0)])
     assert [table.at(tick).speed for tick in range(7)] == [0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 2.0]
 
@@ -70,7 +70,7 @@ def test_law_that_cannot_be_selected_during_play_is_rejected(law, message):
         load_scenario("circle", {"guidance": {"kind": "played", "laws": [law]}})
 
 
-def test_error_for_missing_inputs_names_the_play_command():
+def test_error_for_a_missing_input_table_names_the_play_command():
     with pytest.raises(ScenarioError, match="agrobot-mj play"):
         run(load_scenario("circle", {"guidance.kind": "played", **BICYCLE}))
 
@@ -85,7 +85,7 @@ def test_steering_and_speed_follow_the_input_table(tmp_path):
     assert set(log.column("play_steer")) == {0.2, -0.2}
 
 
-def test_law_selected_off_the_line_returns_to_the_line(tmp_path):
+def test_law_selected_off_the_line_returns_the_tractor_to_the_line(tmp_path):
     (tmp_path / "inputs.csv").write_text(LINE + "0,0,0.05,1.5\n160,1,0,\n")
     keys = played(tmp_path / "inputs.csv", [{"kind": "stanley"}], duration_s=25.0)
     log = run(load_scenario("straight_line", keys))
@@ -103,7 +103,7 @@ def test_speed_in_the_input_table_overrides_the_speed_of_guidance(tmp_path):
     assert abs(log.column("y")[-1]) < 0.1
 
 
-def test_nearest_time_is_the_path_time_of_the_nearest_point():
+def test_nearest_time_is_the_reference_time_of_the_nearest_path_point():
     route = SampledRoute(load_scenario("figure_eight").path)
     for t in (3.0, 31.4, 77.7):
         r = route.at(t)
