@@ -17,13 +17,13 @@ def log():
 
 
 @pytest.mark.parametrize("name", ["xte_abs_max", "xte_rms", "lateral_mse", "longitudinal_rms"])
-def test_final_margin_equals_the_margin_of_the_metric(log, name):
+def test_maximum_failure_margin_equals_the_margin_of_the_final_metric(log, name):
     close = Closeness(f"{name} > 0.02")(log)
     assert close.shape == (80,)
     assert close.max() == pytest.approx(log.metrics[name] / 0.02 - 1)
 
 
-def test_margin_of_a_percentile_metric_covers_the_complete_run(log):
+def test_failure_margin_of_a_percentile_covers_the_complete_run(log):
     close = Closeness("xte_abs_p95 > 0.02")(log)
     largest = np.sort(np.abs(_offset(log)))[::-1]
     assert close[-1] == pytest.approx(largest[4] / 0.02 - 1)  # of 80, the value with 5 % beside or above it
@@ -41,7 +41,7 @@ def _offset(log):
     "until",
     ["xte_abs_max > 0.02", "xte_rms > 0.1 or lateral_abs_p95 > 0.1", "outcome != completed", "outcome == rolled_over"],
 )
-def test_margin_at_a_tick_uses_no_later_data(log, until):
+def test_failure_margin_at_a_tick_uses_no_later_data(log, until):
     whole = Closeness(until)(log)
     for ticks in (1, 30, 79):
         rows = Rows(log.rows.ticks, 0, log.rows.poses.shape[1])
@@ -50,7 +50,7 @@ def test_margin_at_a_tick_uses_no_later_data(log, until):
         assert Closeness(until)(part) == pytest.approx(whole[:ticks], abs=0)
 
 
-def test_margin_does_not_anticipate_an_early_end_of_the_run():
+def test_failure_margin_does_not_anticipate_an_early_end_of_the_run():
     """With twice the time, the same tractor is half as close until it has passed the end of its path."""
     keys = {"plant.kind": "bicycle", "guidance.kind": "lqr"}
     logs = [run(load_scenario("lane_change", {**keys, "duration_s": seconds})) for seconds in (60.0, 120.0)]
@@ -65,7 +65,7 @@ def test_margin_does_not_anticipate_an_early_end_of_the_run():
         assert close[-1] == pytest.approx(largest[int(0.95 * (ticks - 1))] / 0.02 - 1)
 
 
-def test_margins_of_combined_conditions_are_minima_and_maxima(log):
+def test_failure_margin_of_a_combined_condition_is_minimum_or_maximum(log):
     a, b = (Closeness(f"{name} > {c}")(log) for name, c in (("xte_abs_max", 0.02), ("lateral_rms", 0.5)))
     assert Closeness("xte_abs_max > 0.02 or lateral_rms > 0.5")(log) == pytest.approx(np.maximum(a, b))
     assert Closeness("xte_abs_max > 0.02 and lateral_rms > 0.5")(log) == pytest.approx(np.minimum(a, b))
@@ -78,11 +78,11 @@ def test_margins_of_combined_conditions_are_minima_and_maxima(log):
     assert Closeness("xte_abs_max > 0")(log) == pytest.approx(0.02 * (a + 1)), "without a size to compare with"
 
 
-def test_score_signal_is_evaluated_by_its_magnitude(log):
+def test_failure_margin_by_a_score_signal_is_its_magnitude(log):
     assert Closeness("xte_rms > 1", "yaw_rate")(log) == pytest.approx(np.abs(log.column("yaw_rate")))
 
 
-def test_level_rises_are_the_new_maxima_of_the_margin(log):
+def test_level_rises_are_the_new_maxima_of_the_failure_margin(log):
     found, close = Rises(Closeness("xte_abs_max > 0.02"))(log), Closeness("xte_abs_max > 0.02")(log)
     assert found["ticks"] == 80
     ticks, levels = zip(*found["rises"], strict=True)
@@ -93,7 +93,7 @@ def test_level_rises_are_the_new_maxima_of_the_margin(log):
     assert levels[-1] == close.max()
 
 
-def test_increasing_signal_is_extrapolated_in_the_margin(log):
+def test_increasing_failure_margin_is_extrapolated(log):
     """By its slope over a quarter of a second; what falls is as close as it is."""
     close = Closeness("xte_abs_max > 0.02")(log)
     ahead = np.array([c + max(c - close[max(k - 5, 0)], 0.0) * 0.5 / 0.25 for k, c in enumerate(close)])
@@ -103,7 +103,7 @@ def test_increasing_signal_is_extrapolated_in_the_margin(log):
     assert [ahead[k - 1] for k, _ in found] == pytest.approx([level for _, level in found])
 
 
-def test_margin_is_small_just_before_rollover():
+def test_failure_margin_is_near_zero_just_before_a_rollover():
     log = run(load_scenario("rollover", {"plant.settle_s": 0.5}))
     close = Closeness("outcome == rolled_over")(log)
     assert log.outcome == "rolled_over"

@@ -39,12 +39,12 @@ def test_shipped_gains_equal_the_search_result(law):
 
 
 @pytest.mark.parametrize("law", SEARCH.laws)
-def test_gain_search_made_no_law_worse_on_its_training_cases(law):
+def test_gain_search_does_not_worsen_any_law_on_its_training_cases(law):
     training = json.loads((TRACES / f"{law}.json").read_text())["training"]
     assert training["score"]["mean"] <= training["score_before"]["mean"]
 
 
-def test_gains_of_every_law_in_the_table_have_been_searched():
+def test_every_law_with_tuned_gains_has_a_shipped_search_result():
     laws = [shipped(name) for name in LAWS]
     assert set(TUNED).union(*(law.guidance.tuned for law in laws)) <= {law.law for law in laws}
 
@@ -67,7 +67,7 @@ def test_laws_not_in_the_paper_use_tuned_gains_in_its_scenario(keys):
     assert (paper.guidance, paper.controller) == (other.guidance, other.controller)
 
 
-def test_specified_gains_are_kept_and_default_gains_follow_the_law():
+def test_specified_gains_are_kept_and_others_are_those_of_the_law():
     given = load_scenario("lane_change", {"controller.kp": 0.33})
     assert given.controller.kp == 0.33
     assert given.changed({"controller.kind": "pi"}).controller.kp == 0.33

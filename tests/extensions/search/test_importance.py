@@ -77,7 +77,7 @@ def written(plan, folder, left_out=0):
     return folder
 
 
-def test_sobol_design_changes_one_coordinate_at_a_time(plan):
+def test_sobol_design_changes_one_parameter_at_a_time(plan):
     found = plan(4, seeds=2)
     assert found.total == 2 * 4 * 5 * 2
     table = np.array([[run.parameters[key] for key in KEYS] for run in found.runs()]).reshape(2, 4, 5, 2, 3)
@@ -88,7 +88,7 @@ def test_sobol_design_changes_one_coordinate_at_a_time(plan):
             assert point[k] == b[k]
 
 
-def test_sensitivity_intervals_cover_the_known_indices(plan, tmp_path):
+def test_sensitivity_index_intervals_cover_the_known_indices(plan, tmp_path):
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
     found = importance(written(plan(512, seeds=2), tmp_path / "out"))
     wanted = dict(zip(KEYS, zip(ISHIGAMI_FIRST, ISHIGAMI_TOTAL, strict=True), strict=True))
@@ -127,7 +127,7 @@ def test_results_unusable_for_importance_are_reported(plan, tmp_path, monkeypatc
         importance(whole)
 
 
-def test_error_metrics_of_failed_runs_are_not_used(plan, tmp_path):
+def test_importance_analysis_does_not_use_error_metrics_of_failed_runs(plan, tmp_path):
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
     folder = written(plan(64), tmp_path / "out")
     rows = pq.read_table(folder / "sweep.parquet").to_pylist()
@@ -187,7 +187,7 @@ def claims(found):
 
 @pytest.mark.parametrize("name", ["importance", "importance_sobol"])
 @pytest.mark.parametrize("function", ["ishigami", "linear"])
-def test_shipped_designs_rank_known_functions_correctly(name, function):
+def test_shipped_designs_rank_inputs_of_known_functions_correctly(name, function):
     """The plan's own points and seeds, 20 times; a fifth of the standard deviation of a run is noise."""
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
     sweep = read_sweep(name)

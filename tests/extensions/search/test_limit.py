@@ -58,7 +58,7 @@ UNREADABLE += ("lateral_rms > 1\x00",)
 
 
 @pytest.mark.parametrize("text", UNREADABLE)
-def test_invalid_conditions_are_rejected_with_an_example_not_executed(text, tmp_path, monkeypatch):
+def test_invalid_condition_is_rejected_with_an_example_and_not_executed(text, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ScenarioError, match="--until") as caught:
         Condition(text, METRICS)
@@ -66,7 +66,7 @@ def test_invalid_conditions_are_rejected_with_an_example_not_executed(text, tmp_
     assert list(tmp_path.iterdir()) == []
 
 
-def test_error_for_an_unknown_metric_lists_the_available_ones():
+def test_error_for_an_unknown_metric_lists_the_available_metrics():
     with pytest.raises(ScenarioError, match="no metric 'latral_rms'; did you mean 'lateral_rms'") as caught:
         Condition("latral_rms > 1", metric_names(SCENARIO))
     assert "xte_abs_p95" in str(caught.value)
@@ -82,7 +82,7 @@ def test_success_rate_interval_equals_the_wilson_interval():
 
 
 @pytest.mark.parametrize(("reliability", "confidence"), [(0.8, 0.8), (0.9, 0.8), (0.5, 0.95), (0.01, 0.1)])
-def test_required_number_of_runs_is_the_smallest_sufficient_one(reliability, confidence):
+def test_required_number_of_runs_is_the_minimum_sufficient_number(reliability, confidence):
     n = runs_needed(reliability, confidence)
     assert sequential_interval(n, n, confidence)[0] >= reliability
     assert n == 1 or sequential_interval(n - 1, n - 1, confidence)[0] < reliability
@@ -93,7 +93,7 @@ LONG = [pytest.param(26, each, marks=() if each == 0.8 else pytest.mark.slow) fo
 
 
 @pytest.mark.parametrize(("seeds", "reliability"), [*((SHOWN_RUNS, each) for each in RELIABILITIES), *LONG])
-def test_error_rate_of_certain_results_is_within_the_confidence_level(reliability, seeds):
+def test_results_reported_as_certain_are_wrong_no_more_often_than_stated(reliability, seeds):
     """Laws of one reliability at all values, 500 values each: 10 % are the promise at a reliability of 80 %."""
     wrong = values = 0
     question = Question(KEY, 0.0, 4.0, "lateral_rms > 0.3", seeds=seeds, tolerance=9.0)
@@ -140,7 +140,7 @@ def search(chance, **more):
     )
 
 
-def test_sharp_limit_is_found_within_the_tolerance():
+def test_abrupt_limit_is_found_within_the_tolerance():
     found = search(lambda v: v < 2.345, tolerance=0.01)
     assert found.verdict == "limit"
     assert found.limit == pytest.approx(2.345, abs=0.01)
@@ -196,7 +196,7 @@ def test_interval_of_a_gradual_limit_nearly_always_contains_it(width):
         ("outcome != error", {"outcome": "error"}, True),
     ],
 )
-def test_unexpected_outcome_fails_unless_condition_names_outcomes(until, numbers, fails):
+def test_unexpected_outcome_is_a_failure_unless_condition_names_outcomes(until, numbers, fails):
     assert Condition(until, {*METRICS, "steer_share"}).fails(numbers) is fails
 
 
@@ -234,7 +234,7 @@ def test_error_condition_for_a_scenario_expected_to_fail_is_rejected():
             check(question, {"law": scenario})
 
 
-def test_law_that_never_or_always_fails_is_reported_as_such():
+def test_law_that_always_or_never_fails_is_reported():
     assert search(lambda v: 1.0).verdict == "never_fails"
     assert search(lambda v: 0.0).verdict == "always_fails"
     assert search(lambda v: v > 3.0).verdict == "fails_at_start"
@@ -248,7 +248,7 @@ def test_law_that_succeeds_again_above_its_limit_is_reported():
     assert "succeeds again at 2, 3, 4" in found.statement
 
 
-def test_random_variation_of_the_success_rate_is_not_a_second_limit():
+def test_random_variation_of_the_success_rate_is_not_reported_as_a_limit():
     found = search(lambda v: 0.75 if v > 1.0 else 1.0)
     assert found.verdict == "limit"
     found = search(lambda v: 0.75)
@@ -297,7 +297,7 @@ def test_limit_result_states_evaluated_values_and_gaps_between_them():
     assert "Succeeded at 0, 1, 2; failed at 2.5, 3, 4; no value in between was evaluated" in found.statement
 
 
-def test_runs_independent_of_the_seed_count_once_and_have_no_interval():
+def test_equal_runs_for_all_seeds_count_once_and_give_no_interval():
     def do(tasks):
         errors = [0.1 if task.overrides[KEY] < 2.345 else 1.0 for task in tasks]
         return [{"outcome": "completed", "lateral_rms": e, "wall_s": 1.0 + k} for k, e in enumerate(errors)]
@@ -336,7 +336,7 @@ def hard_and_sound(limits):
         ({"flat": 9.0, "rough": 2.0}, "; not comparable: one limit is out of range"),
     ],
 )
-def test_limit_is_reported_with_the_undisturbed_baseline(limits, text):
+def test_limit_is_reported_with_that_of_the_undisturbed_baseline(limits, text):
     scenario = load_scenario("figure_eight", {"terrain": {"kind": "rough"}, "duration_s": 1.0})
     question = Question(KEY, 0.0, 4.0, "lateral_rms > 0.3")
     condition, beside = Condition(question.until, METRICS), {"terrain": {"kind": "flat"}}
@@ -346,7 +346,7 @@ def test_limit_is_reported_with_the_undisturbed_baseline(limits, text):
     assert found.beside.statement.endswith(text)
 
 
-def test_baseline_without_the_varied_key_reports_a_fixed_result():
+def test_baseline_that_lacks_the_varied_key_has_one_fixed_result():
     """On the flat there is no grade; a dead band that the counterpart sets is not varied in it."""
     scenario = load_scenario("figure_eight", {"terrain": {"kind": "slope"}, "duration_s": 1.0})
     for key, beside in (("terrain.grade_deg", {"terrain": {"kind": "flat"}}), (KEY, {KEY: 0.4})):

@@ -21,7 +21,7 @@ def driven(monkeypatch, tmp_path):
 @pytest.mark.parametrize(
     ("command", "name", "most"), [(LIMIT, "limit.json", 5), (TUNE, "tuning.json", 7)], ids=["limit", "tune"]
 )
-def test_interrupted_search_resumes(call, driven, tmp_path, command, name, most):
+def test_interrupted_limit_or_tuning_search_resumes(call, driven, tmp_path, command, name, most):
     check_resuming(call, driven, tmp_path, command, name, most)
 
 
@@ -46,14 +46,14 @@ def test_gains_whose_run_raises_an_error_have_the_maximum_cost(call, driven, tmp
 
 @pytest.mark.parametrize(("command", "name"), [(LIMIT, "limit.json"), (TUNE, "tuning.json")], ids=["limit", "tune"])
 @pytest.mark.slow
-def test_search_with_two_processes_gives_the_same_result(call, tmp_path, command, name):
+def test_limit_and_tuning_results_are_equal_with_one_and_two_processes(call, tmp_path, command, name):
     (tmp_path / "mine.toml").write_text('seeds = 2\n[[training]]\nname = "a"\n[[test]]\nname = "b"\n')
     one, two = (call(*command, "--jobs", jobs, "--out", f"jobs{jobs}") for jobs in (1, 2))
     assert (one[0], two[0]) == (0, 0)
     assert answer(tmp_path / "jobs1", name) == answer(tmp_path / "jobs2", name)
 
 
-def test_json_output_of_a_limit_equals_its_file_and_text(asked, call):
+def test_json_output_of_a_limit_search_agrees_with_its_file_and_text(asked, call):
     words = ("limit", *WHERE, "--max-seeds", 1, *BICYCLE)
     found, err = asked(*words)
     assert "path.radius_m = 12: 1 of 1 runs succeed" in err  # each value as it is tried

@@ -33,7 +33,7 @@ duration_s = 2
 """
 
 
-def test_report_of_limits_contains_the_evaluated_values(tmp_path):
+def test_report_of_a_limit_search_contains_the_evaluated_values(tmp_path):
     claim(tmp_path, ["limit.json"])
     (tmp_path / "limit.json").write_text(json.dumps(LIMIT))
     write_report(tmp_path)
@@ -54,7 +54,7 @@ def test_damaged_result_file_is_reported(tmp_path, content):
         ("tuning.json", r"tune has no report; its result is in tuning\.json"),
     ],
 )
-def test_error_for_a_search_without_report_names_its_result_files(tmp_path, file, said):
+def test_error_for_a_search_without_a_report_names_its_result_files(tmp_path, file, said):
     (tmp_path / file).touch()
     with pytest.raises(ScenarioError, match=said):
         write_report(tmp_path)

@@ -27,7 +27,7 @@ def searched(law, hardship, values):
     return {"law": law, "hardship": hardship, "verdict": "limit", "interval": None, "tried": tried, "sound": sound}
 
 
-def test_survival_table_matches_the_results():
+def test_survival_table_of_the_page_matches_the_result_file():
     law, other, third = list(survival.SURVIVORS)[:3]
     slope = survival.HARDSHIPS[0].name
     rows = [
@@ -46,7 +46,7 @@ def test_survival_table_matches_the_results():
     assert survival.survived(rows[0]) == (14.0, False)
 
 
-def test_survival_figure_has_a_bar_up_to_each_limit():
+def test_survival_figure_has_one_bar_up_to_the_limit_of_each_law():
     rows = []
     for law, hard in survival.JOBS:
         middle = (hard.start + hard.stop) / 2

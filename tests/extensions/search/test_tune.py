@@ -37,13 +37,13 @@ def test_ends_of_tunable_gain_ranges_are_valid_values(kind) -> None:
             scenario.changed({key: value})
 
 
-def test_error_names_a_law_without_tunable_ranges() -> None:
+def test_error_for_a_law_without_tunable_gain_ranges_names_the_law() -> None:
     scenario = load_scenario("figure_eight", {"controller.kind": "open_loop"})
     with pytest.raises(ScenarioError, match="kinematic"):
         tunable(scenario)
 
 
-def test_training_and_test_cases_share_neither_seeds_nor_surfaces() -> None:
+def test_training_and_test_cases_have_different_seeds_and_surfaces() -> None:
     scenario = load_scenario("figure_eight")
     training, test = (tuning_cases(scenario, SURFACES, part, 2) for part in ("training", "test"))
     assert not {case.name for case in training} & {case.name for case in test}
@@ -88,13 +88,13 @@ def test_errors_in_a_tuning_file_are_reported(tmp_path, text, told):
         read_tuning(tuning(tmp_path, text))
 
 
-def test_error_for_an_unknown_tuning_lists_the_available_tunings():
+def test_error_for_an_unknown_tuning_name_lists_the_available_names():
     with pytest.raises(ScenarioError, match=r"unknown tuning 'gain'.*gains.*surfaces"):
         read_tuning("gain")
 
 
 @pytest.mark.parametrize("part", ["training", "test"])
-def test_shipped_gain_search_covers_typical_field_work(part):
+def test_shipped_tuning_cases_cover_typical_field_work(part):
     """Speeds to 3.5 m/s and more, starts beside the path, a worn valve and a slope, in either part."""
     cases = tuning_cases(load_scenario("figure_eight", GAINS.set), GAINS, part, 1)
     assert max(case.speed for case in cases) >= 3.5
@@ -118,7 +118,7 @@ def tracking(scenario) -> TuningCase:
     return TuningCase("one", "tracking", scenario.seed, scenario)
 
 
-def test_failed_run_costs_more_than_success_and_less_the_later_it_fails() -> None:
+def test_failed_run_costs_more_than_a_success_and_less_if_it_fails_later() -> None:
     keys = {"plant.kind": "bicycle", "duration_s": 6.0, "guidance.kind": "stanley"}
     scenario = load_scenario("lane_change", keys)
     early, late = (driven(tracking(scenario), {"supervisor.max_cross_track_m": limit}) for limit in (0.004, 0.02))
@@ -141,7 +141,7 @@ def test_tuning_scenario_with_an_expected_failure_is_rejected(tmp_path) -> None:
     assert not (tmp_path / "out").exists()
 
 
-def test_search_result_is_at_least_as_good_as_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gain_search_result_is_at_least_as_good_as_the_initial_gains(monkeypatch: pytest.MonkeyPatch) -> None:
     """On a cheap stand-in for the runs with its optimum at twice the default gain."""
     scenario = load_scenario("figure_eight", {"guidance.kind": "stanley"})
 
@@ -166,13 +166,13 @@ def test_search_result_is_at_least_as_good_as_the_start(monkeypatch: pytest.Monk
     assert found == search(scenario, training, test, 3 * POPULATION, stand_in)
 
 
-def test_cost_of_a_simulated_run_depends_on_the_gains() -> None:
+def test_tuning_cost_of_a_simulated_run_depends_on_the_gains() -> None:
     scenario = load_scenario("figure_eight", SHORT | {"guidance.kind": "stanley"})
     assert 0 < cost(scenario, {}) < 2
     assert cost(scenario, {"guidance.gain_per_s": 0.2}) != cost(scenario, {})
 
 
-def test_evaluation_stops_once_the_gains_are_certainly_worse(monkeypatch):
+def test_evaluation_of_gains_stops_once_they_are_certainly_worse(monkeypatch):
     asked = []
     monkeypatch.setattr(study, "judge", lambda case, row: Judgement(3.0, row))
 
@@ -193,12 +193,12 @@ def acquisition(law, **changes) -> Judgement:
     return driven(TuningCase("line", "acquisition", 1, scenario), changes)
 
 
-def test_line_acquisition_costs_time_overshoot_and_steering():
+def test_acquisition_cost_is_higher_if_the_law_keeps_an_offset():
     assert acquisition("lqr").cost < 2.0
     assert acquisition("lqr").cost < acquisition("lqr", **{"guidance.offset_m": 2.0}).cost
 
 
-def test_cost_of_missing_the_line_grows_with_distance():
+def test_cost_of_not_reaching_the_line_grows_with_distance():
     near, far = (acquisition("lqr", **{"duration_s": end}) for end in (5.0, 2.5))
     assert FAILED < near.cost < far.cost
     assert not near.row["expected"]

@@ -10,7 +10,7 @@ from agrobot_mj.extensions.search.tuning_cases import TuningCase
 from agrobot_mj.studies.engine import perform
 
 
-def test_tuning_prefers_driving_to_standing_still():
+def test_tuning_prefers_a_law_that_drives_to_one_that_stands_still():
     keys = {"plant.kind": "bicycle", "duration_s": 9.0, "guidance.kind": "stanley"}
     case = TuningCase("lane change", "tracking", 1, load_scenario("lane_change", keys))
     drives, stands = (

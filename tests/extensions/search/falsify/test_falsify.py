@@ -53,7 +53,7 @@ def planted(a, b, c=0.0):
     return 0.05 + 0.02 * (a + b) + 0.23 * max(a * b, 0.0) / 0.25
 
 
-def test_failure_from_combined_keys_is_found_when_each_single_key_passes():
+def test_failure_of_combined_keys_is_found_if_each_key_alone_passes():
     found = search(planted)
     assert found.verdict == "falsified"
     assert found.mildest.failed == found.mildest.runs == CONFIRMED
@@ -88,7 +88,7 @@ def test_legend_does_not_overlap_the_plotted_combinations():
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["holds", "fails", "answer"]
 
 
-def test_combinations_around_the_answer_show_the_failure_boundary():
+def test_values_next_to_the_found_failure_show_the_failure_boundary():
     """On the way to it everything holds, beyond it all fails; a little less of either key holds."""
     nearer, near, farther, far, less_a, more_a, less_b, more_b = search(planted).around
     assert [tried.fails for tried in (nearer, near, farther, far)] == [False, False, True, True]
@@ -96,7 +96,7 @@ def test_combinations_around_the_answer_show_the_failure_boundary():
     assert all(tried.runs == CONFIRMED for tried in (nearer, far, less_b))
 
 
-def test_all_evaluated_combinations_and_confirmations_are_reported():
+def test_progress_callback_receives_all_evaluations_and_confirmations():
     """These are as many runs as the search, and would pass in silence."""
     told = []
     found = search(planted, done=told.append)
@@ -111,7 +111,7 @@ def test_noisy_combination_is_classified_by_the_majority_of_its_runs():
     assert all(tried.runs == 3 for tried in found.tried)
 
 
-def test_failure_with_a_single_seed_is_not_reported_as_the_answer():
+def test_failure_with_only_one_seed_is_not_reported_as_the_result():
     """Under the seed of the search it fails from a = 0.3 on, under all others from a = 0.8 on."""
     found = search(lambda a, b, c: 0.3 + a - 0.8, unlucky=0.5)
     assert min(tried.distance for tried in found.tried if tried.fails) < 0.35
@@ -133,7 +133,7 @@ def test_distance_of_a_normal_parameter_is_in_standard_deviations():
     assert found.mildest.values[C] == pytest.approx(770, abs=4)
 
 
-def test_missing_failure_and_failing_nominal_are_reported():
+def test_missing_failure_and_failure_at_nominal_values_are_reported():
     held = search(lambda a, b, c: 0.1 + 0.05 * a)
     assert held.verdict == "not_found"
     assert held.mildest.distances[0] == pytest.approx(1.0, abs=0.05)
@@ -182,7 +182,7 @@ def test_invalid_parameter_range_is_rejected(call, tmp_path, text):
     assert not (tmp_path / "f").exists()
 
 
-def test_falsify_command_resumes_and_records_the_failure(call, tmp_path, monkeypatch):
+def test_falsify_command_resumes_and_records_the_failing_run(call, tmp_path, monkeypatch):
     monkeypatch.setattr(search_module, "CONFIRMED", 3)
     vary = ["--vary", "path.speed_m_s=0.5:3", "--vary", "sensors.gnss.latency_s=0:0.5"]
     words = [*WORDS, *vary, "--until", "longitudinal_rms > 0.2", "--budget", "20", "--seeds", "1", "--jobs", "1"]
@@ -202,7 +202,7 @@ def test_falsify_command_resumes_and_records_the_failure(call, tmp_path, monkeyp
     assert f"{found['statement']}\nf/falsify.json\n" in said
 
 
-def test_search_reports_no_failure_if_no_run_fails(call, tmp_path, monkeypatch):
+def test_falsification_reports_no_failure_if_no_run_fails(call, tmp_path, monkeypatch):
     monkeypatch.setattr(search_module, "CONFIRMED", 1)
     words = [*WORDS, "--vary", "path.speed_m_s=0.5:1", "--until", "xte_rms > 9", "--budget", "20", "--seeds", "1"]
     status, said, _ = call(*words, "--out", "f")

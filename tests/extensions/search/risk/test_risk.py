@@ -80,7 +80,7 @@ def test_splitting_gives_the_known_failure_probability(process):
     assert sum(f.low <= process.exact <= f.high for f in found) >= 15
 
 
-def test_splitting_is_ten_times_cheaper_at_probability_1e_4():
+def test_splitting_needs_a_tenth_of_the_direct_runs_at_probability_1e_4():
     """Plain runs for the same standard error: p (1 - p) / error^2."""
     process = NORMAL._replace(top=21.5)
     assert 0.5e-4 < process.exact < 2e-4
@@ -100,14 +100,14 @@ def test_invalid_risk_options_are_rejected():
     assert "no failure in" in found.statement
 
 
-def test_certain_failure_has_the_interval_of_direct_simulation():
+def test_certain_failure_has_the_confidence_interval_of_direct_runs():
     found = risk_of(WHOLE._replace(top=-70), particles=20, repeats=3)
     assert (found.estimate.probability, found.estimate.high, found.worth) == (1.0, 1.0, 60)
     assert found.estimate.low == pytest.approx(60 / (60 + 1.96**2), abs=1e-4)
     assert "Monte Carlo" not in found.statement
 
 
-def test_search_ends_below_the_minimum_probability():
+def test_risk_search_ends_below_the_minimum_probability():
     found = risk_of(NORMAL._replace(top=60.0), particles=20, repeats=3, least=1e-3)
     assert found.estimate.probability == 0.0
     assert 0 < found.estimate.high < 1e-3
@@ -126,18 +126,18 @@ def raising(until, runs):
 
 
 @pytest.mark.parametrize("until", ["xte_abs_max > 1", "outcome == rolled_over"])
-def test_runs_that_raise_count_as_failed_and_are_reported(until):
+def test_runs_that_raise_errors_count_as_failed_and_are_reported(until):
     found = raising(until, 2)
     assert found.estimate.probability > 0.3
     assert re.search(r"; these include \d+ error", found.statement)
 
 
-def test_search_is_aborted_if_every_run_raises_an_error():
+def test_risk_search_is_aborted_if_every_run_raises_an_error():
     with pytest.raises(ScenarioError, match="every run raised an error, so the risk is unknown; fix this error: E: x"):
         raising("xte_abs_max > 1", 5)
 
 
-def test_interval_is_a_student_interval_of_the_log_probability():
+def test_risk_interval_is_a_student_interval_of_the_log_probability():
     splits = [Split(p, p, 1, ((0.0, p),), 1) for p in (1e-4, 2e-4, 3e-4)]
     found = estimate(splits, 10)
     assert found.probability == pytest.approx(2e-4)
@@ -179,7 +179,7 @@ def test_risk_command_resumes_and_saves_a_repeatable_failure(call, tmp_path, pla
 
 
 @pytest.mark.parametrize("quiet", [False, True])
-def test_progress_of_the_rounds_is_printed_to_stderr(call, monkeypatch, quiet):
+def test_progress_of_each_splitting_round_is_printed_to_stderr(call, monkeypatch, quiet):
     """The first drives all particles, which may take minutes."""
     monkeypatch.setattr(progress, "BETWEEN_LINES_S", 0.0)
     words = ["risk", *BICYCLE[:-1], "duration_s=1", "--until", "xte_abs_max > 0.01", "--particles", "2"]
@@ -189,7 +189,7 @@ def test_progress_of_the_rounds_is_printed_to_stderr(call, monkeypatch, quiet):
 
 
 @pytest.mark.parametrize(("score", "label"), [(None, "closeness, 1 s ahead [-]"), ("steer", "steer")])
-def test_figure_shows_the_failing_fraction_without_a_level_limit(score, label):
+def test_failure_level_is_not_drawn_in_the_risk_figure(score, label):
     """Levels look ahead, or are those of a score: above 0 a run has not failed."""
     drawn = command.figure([Split(1e-4, 1e-3, 2, ((-0.5, 0.1), (0.1, 1e-3)), 40)], [], score)
     chances = next(axes for axes in drawn.axes if axes.get_xlabel() == label)

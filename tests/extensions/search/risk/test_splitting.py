@@ -93,7 +93,7 @@ def means(process, n, worst, repeats, first=0):
     return np.mean(found), np.std(found, ddof=1) / sqrt(repeats)
 
 
-def test_reference_probabilities_agree_with_theory():
+def test_reference_probabilities_of_random_walks_agree_with_theory():
     """Reflection: P(max >= a) = 2 P(S > a) + P(S = a) for even chances; Siegmund's correction for normal steps."""
     even = Process(steps=20, top=6, up=0.5)
     ends = 20 - 2 * np.random.default_rng(1).binomial(20, 0.5, 400_000)
