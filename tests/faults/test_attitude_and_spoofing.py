@@ -72,7 +72,7 @@ def test_estimators_continue_after_losing_roll_or_pitch(estimator, axis):
     assert np.hypot(x - x_hat, y - y_hat)[60:].max() < 0.4
 
 
-def test_spoofed_velocity_is_consistent_with_the_position_drift():
+def test_spoofed_velocity_contains_the_rate_of_the_position_drift():
     drift = {"kind": "gnss_drift", "start_s": 0.0, "east_m_s": 0.2, "north_m_s": -0.1, "velocity": "drifting"}
     fixes = []
     for faults in ([], [drift], [{**drift, "velocity": "sound"}]):

@@ -118,7 +118,7 @@ def sensed(truths, *tables):
 
 
 @pytest.mark.parametrize("kind", SENSED)
-def test_sensor_fault_leaves_other_times_and_sensors_bit_identical(drive, kind):
+def test_sensor_fault_changes_only_its_sensor_within_its_time_window(drive, kind):
     good, ill = sensed(drive), sensed(drive, {"kind": kind, "start_s": 1, "end_s": 2})
     parts = {"gnss": "fix", "heading": "fix", "steering_pot": "steer", "pedal_pot": "pedal", "gyro": "gyro"}
     struck = {**parts, "wheel_speed": "wheel_speed"}.get(next((p for p in (*parts, "wheel_speed") if p in kind), ""))
@@ -142,7 +142,7 @@ def test_two_overlapping_faults_of_the_same_kind_are_rejected():
     )
 
 
-def test_fault_may_begin_when_another_of_its_kind_ends():
+def test_fault_may_begin_when_another_fault_of_its_kind_ends():
     first, second = faults({"kind": "gnss_loss", "end_s": 30}, {"kind": "gnss_loss", "start_s": 30})
     assert [(f.active(29.95), f.active(30.0)) for f in (first, second)] == [(True, False), (False, True)]
 
@@ -166,7 +166,7 @@ def test_overlapping_gnss_faults_give_the_worse_quality_in_any_order(order):
         ({"kind": "valve_wear", "dead_band_v": 0.5}, "valve_dead_band", 0.5, 1.0),
     ],
 )
-def test_effect_of_a_fault_is_added_to_existing_conditions(table, field, once, twice):
+def test_effect_of_a_fault_is_combined_with_existing_conditions(table, field, once, twice):
     (fault,) = faults(table)
     _, one = fault.apply(None, NOMINAL, 0.0, TICK_S)
     _, two = fault.apply(None, one, 0.0, TICK_S)

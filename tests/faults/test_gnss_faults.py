@@ -59,7 +59,7 @@ def test_float_offset_is_constant_between_jumps():
     assert offsets != {(0.0, 0.0)}
 
 
-def test_float_fault_without_jumps_leaves_only_the_receiver_error():
+def test_float_fault_without_jumps_adds_no_error_to_the_float_solution():
     fault = GnssFloat(jump_sigma_m=0.0)
     assert {(day.gnss_quality, day.gnss_offset) for day in days(fault, 100)} == {(Quality.FLOAT, (0.0, 0.0))}
 
@@ -71,7 +71,7 @@ def test_float_offset_is_added_to_the_receiver_position():
     assert (fix.x, fix.y) == pytest.approx(day.gnss_offset)
 
 
-def test_flickering_fix_quality_has_the_configured_mean_dwell_time():
+def test_fix_quality_changes_have_the_configured_mean_dwell_time():
     ticks = 100_000
     told = days(GnssFloat(flicker_s=1.0, jump_interval_s=1e9), ticks)
     quality = np.array([day.gnss_quality for day in told])
@@ -86,13 +86,13 @@ def test_flickering_fix_quality_has_the_configured_mean_dwell_time():
         assert (day.gnss_quality == Quality.FIX) == (day.gnss_offset == (0.0, 0.0))
 
 
-def test_float_offset_changes_after_each_flicker():
+def test_float_offset_changes_after_each_change_of_fix_quality():
     told = days(GnssFloat(flicker_s=1.0, jump_interval_s=1e9), 2000)
     spells = sum(a.gnss_quality == Quality.FIX != b.gnss_quality for a, b in pairwise(told))
     assert len({day.gnss_offset for day in told} - {(0.0, 0.0)}) >= spells + 1 > 30
 
 
-def test_float_errors_are_large_and_persistent():
+def test_float_errors_have_a_large_sigma_and_long_correlation_time():
     """Sigma, share and time of its correlated part are the receiver's own for float."""
     gnss, n, lags = Gnss(float_correlation_time_s=2.0), 100_000, np.array([0, 1, 20, 40])
     told = delivered(gnss, n * [NOMINAL._replace(gnss_quality=Quality.FLOAT)])
@@ -102,7 +102,7 @@ def test_float_errors_are_large_and_persistent():
         assert covariance == pytest.approx(wanted, abs=5 * sqrt(2 * 2.0 / (n * TICK_S)))
 
 
-def test_fix_and_float_errors_are_independent_and_evolve_continuously():
+def test_errors_of_fix_and_float_solutions_evolve_independently():
     gnss = Gnss(correlated_fraction=1.0, float_correlated_fraction=1.0)
     floats = [NOMINAL._replace(gnss_quality=Quality.FLOAT)]
     first = [[delivered(gnss, [day], seed)[0][0].x for day in (NOMINAL, *floats)] for seed in range(1000)]
@@ -114,7 +114,7 @@ def test_fix_and_float_errors_are_independent_and_evolve_continuously():
 # --- offsets that are told ------------------------------------------------------------------------------------------
 
 
-def test_position_offsets_of_jump_and_drift_add_up():
+def test_position_offsets_of_jump_and_drift_faults_add_up():
     faults = GnssJump(east_m=0.3, north_m=-2.0), GnssDrift(east_m_s=0.1, north_m_s=0.4, start_s=1.0)
     told = scripted(faults, 41)
     assert told[0].gnss_offset == (0.3, -2.0)

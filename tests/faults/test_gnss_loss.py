@@ -45,7 +45,7 @@ def test_run_with_gnss_loss_completes_without_physics_warnings(log):
     assert np.array_equal(np.isnan(log.column("gnss_x")), quality == 0)
 
 
-def test_position_estimate_continues_during_the_gnss_loss(log):
+def test_position_estimate_is_extrapolated_during_the_gnss_loss(log):
     """It goes on as the filters' speed and the measured steering say."""
     x, y = log.column("x_hat")[LOST:FOUND], log.column("y_hat")[LOST:FOUND]
     steps = np.hypot(np.diff(x), np.diff(y))
@@ -54,7 +54,7 @@ def test_position_estimate_continues_during_the_gnss_loss(log):
     assert hypot(x[-1] - x[0], y[-1] - y[0]) > 4.0
 
 
-def test_reported_uncertainty_grows_in_the_loss_and_decreases_after_it(log):
+def test_reported_sigma_grows_in_a_gnss_loss_and_decreases_after_it(log):
     variance = log.column("p_xx") + log.column("p_yy")
     assert (np.diff(variance[LOST - 1 : FOUND]) > 0).all()
     assert variance[FOUND - 1] > 25 * variance[LOST - 1]
@@ -62,7 +62,7 @@ def test_reported_uncertainty_grows_in_the_loss_and_decreases_after_it(log):
     assert variance[FOUND + 40] == pytest.approx(variance[LOST - 1], rel=0.1)
 
 
-def test_position_error_grows_in_the_loss_and_recovers_after_it(log):
+def test_position_error_grows_in_a_gnss_loss_and_decreases_after_it(log):
     error = estimation_error(log)
     before, end = error[LOST - 100 : LOST].mean(), error[FOUND - 1]
     assert before < 0.04
@@ -82,13 +82,13 @@ def test_ekf_is_overconfident_during_the_gnss_loss(log):
     assert nees[FOUND + 100 :].mean() < 15
 
 
-def test_steering_rate_never_exceeds_the_limit_of_the_valve(log):
+def test_steering_rate_never_exceeds_the_maximum_rate_of_the_valve(log):
     """Whatever the reference does."""
     turned = np.degrees(np.abs(np.diff(log.column("steer"))))
     assert turned[LOST:].max() < valve_rate() * TICK_S
 
 
-def test_rate_limited_steering_reference_is_continuous_after_the_loss(log, gentle):
+def test_rate_limited_steering_reference_is_continuous_after_gnss_loss(log, gentle):
     limit = valve_rate() * TICK_S
     jump, limited = (np.degrees(np.abs(np.diff(run.column("steer_ref")))) for run in (log, gentle))
     assert jump[FOUND - 1 :].max() > limit, "without it the correction of the yaw passes for motion"
@@ -96,6 +96,6 @@ def test_rate_limited_steering_reference_is_continuous_after_the_loss(log, gentl
     assert np.abs(gentle.column("e_lateral"))[LOST:].max() < np.abs(log.column("e_lateral"))[LOST:].max() + 0.05
 
 
-def test_steering_reference_rate_limit_has_no_effect_without_a_loss(log):
+def test_steering_reference_rate_limit_has_no_effect_without_gnss_loss(log):
     steps = np.degrees(np.abs(np.diff(log.column("steer_ref"))))
     assert steps[200 : LOST - 1].max() < valve_rate() * TICK_S

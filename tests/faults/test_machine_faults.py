@@ -22,7 +22,7 @@ def correlation_time(x):
     return -TICK_S / np.log((y[1:] @ y[:-1]) / (y @ y))
 
 
-def test_varying_pull_keeps_its_mean_and_stays_positive():
+def test_varying_drawbar_pull_keeps_its_mean_and_stays_positive():
     pulls = np.array([day.drawbar for day in days(Drawbar(pull_n=2000, noise_share=0.5), seconds=3000)])
     assert pulls.min() > 0
     assert pulls.mean() == pytest.approx(2000, rel=0.05)
@@ -30,7 +30,7 @@ def test_varying_pull_keeps_its_mean_and_stays_positive():
     assert correlation_time(np.log(pulls)) == pytest.approx(0.5, rel=0.15)
 
 
-def test_constant_pull_does_not_vary_with_time():
+def test_constant_drawbar_pull_does_not_vary_with_time():
     assert {day.drawbar for day in days(Drawbar(pull_n=1234.5))} == {1234.5}
 
 
@@ -49,7 +49,7 @@ def test_masses_of_payloads_at_different_positions_add_up():
     assert loadings((front, rear)) == [(0, first.payload), (0, last.payload), (1, first.payload)]
 
 
-def test_two_tyres_may_be_soft_but_the_same_tyre_twice_is_rejected():
+def test_two_soft_tyres_are_accepted_but_one_tyre_twice_is_rejected():
     first, *_ = days(SoftTyre(wheel="fl"), SoftTyre(wheel="rr", stiffness_share=0.5, rolling_share=2.0))
     assert first.tyre_stiffness == (0.4, 1, 1, 0.5)
     assert first.tyre_rolling == (1.6, 1, 1, 2.0)
@@ -58,7 +58,7 @@ def test_two_tyres_may_be_soft_but_the_same_tyre_twice_is_rejected():
         resolve({"fault": [{"kind": "soft_tyre", "wheel": "fl"}] * 2}, "x")
 
 
-def test_faults_of_zero_size_have_no_effect():
+def test_machine_faults_of_zero_size_have_no_effect():
     nothing = (
         Payload(mass_kg=0),
         Drawbar(pull_n=0, noise_share=1),
@@ -96,7 +96,7 @@ def test_fault_that_makes_the_tractor_impossible_is_rejected_at_load(tables, mes
         build_plant(scenario)
 
 
-def test_machine_settles_with_a_payload_present_from_the_start():
+def test_machine_settles_with_a_payload_that_is_present_from_the_start():
     loaded = load_scenario("straight_line").changed({"fault": [{"kind": "payload", "mass_kg": 200.0}]})
     loop = Loop(loaded)
     pitch = loop.truth.pitch

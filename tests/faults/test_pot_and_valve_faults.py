@@ -58,7 +58,7 @@ def test_potentiometer_stuck_from_the_start_repeats_its_first_value():
     assert 0 < abs(measured[0]) < radians(1.0)
 
 
-def test_stuck_potentiometer_keeps_the_bias_present_when_it_stuck():
+def test_potentiometer_that_becomes_stuck_keeps_its_present_bias():
     bias = {"kind": "steering_pot_bias", "bias_deg": 5.0, "start_s": 2}
     free, stuck = driven(bias, seconds=4.0), driven(bias, {"kind": "steering_pot_stuck", "start_s": 1}, seconds=4.0)
     assert stuck.column("steer_measured")[-1] == free.column("steer_measured")[19]

@@ -33,7 +33,7 @@ def test_pedal_rate_is_proportional_to_voltage_up_to_its_limit(voltage, rate, dt
 
 
 @pytest.mark.parametrize(("voltage", "end"), [(12.0, 1.0), (0.0, -1.0)])
-def test_pedal_stops_at_its_limits_and_returns_without_delay(voltage, end):
+def test_pedal_stops_at_its_limits_and_leaves_them_without_delay(voltage, end):
     back = 12.0 - voltage
     pedal = respond([voltage] * 5000 + [back] * 10)[:, 0]
     assert np.abs(pedal).max() == 1.0

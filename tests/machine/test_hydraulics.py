@@ -42,7 +42,7 @@ def test_oil_flow_is_zero_inside_the_dead_band(voltage):
 
 
 @pytest.mark.parametrize(("voltage", "flow"), [(6.5, 0.32), (7.4, 3.2), (5.5, -0.28), (4.6, -2.8)])
-def test_flow_outside_the_dead_band_has_the_gain_of_its_direction(voltage, flow):
+def test_flow_outside_the_dead_band_has_a_separate_gain_per_direction(voltage, flow):
     assert flow_at(voltage) == pytest.approx(flow, rel=1e-6)
 
 
@@ -60,7 +60,7 @@ def test_valve_voltage_is_clipped_before_the_spool_dynamics():
     assert spool_response(Valve(delay_s=0.0), [-1e6] * 5000).min() >= 0.0
 
 
-def test_static_flow_curve_is_continuous_and_monotonic():
+def test_flow_over_voltage_is_continuous_and_monotonic():
     law, _ = valve_law(Valve(), DT)
     flows = np.array([static_flow(law, v) for v in np.linspace(0, 12, 12001)])
     steepest = 3.2 * LITRE_PER_MINUTE * 0.001
@@ -85,7 +85,7 @@ def test_delayed_voltages_keep_their_order():
 
 
 @pytest.mark.parametrize("dt", [0.001, 0.002, 0.005])
-def test_spool_covers_63_percent_of_a_step_in_its_time_constant(dt):
+def test_spool_reaches_63_percent_of_a_step_after_its_time_constant(dt):
     spool = spool_response(Valve(delay_s=0.0, time_constant_s=0.15), [10.0] * 400, dt)
     share = (spool - NEUTRAL_V) / 4.0
     times = dt * np.arange(1, 401)
@@ -98,7 +98,7 @@ def test_neutral_voltage_gives_no_flow():
     assert not any(valve_step(law, memory, NEUTRAL_V) for _ in range(200))
 
 
-def test_cylinder_numbers_match_hand_calculation():
+def test_steering_cylinder_area_and_torque_match_hand_calculation():
     cylinder = Cylinder(bore_mm=60, rod_mm=30, arm_m=0.2, relief_pressure_bar=120)
     head, rod = pi / 4 * 0.06**2, pi / 4 * (0.06**2 - 0.03**2)
     assert cylinder.area == pytest.approx((head + rod) / 2)
@@ -124,7 +124,7 @@ def test_default_steering_rate_lies_in_the_published_range():
         ({"other_flow_l_min": 3.0, "priority": False, "engine_speed_share": 0.5}, 3.0),
     ],
 )
-def test_maximum_flow_accounts_for_valve_section_and_other_consumers(changes, largest):
+def test_maximum_flow_is_limited_by_valve_section_and_other_consumers(changes, largest):
     law, _ = valve_law(Valve(**changes), DT)
     assert static_flow(law, 12.0) == pytest.approx(largest * LITRE_PER_MINUTE)
     assert static_flow(law, 0.0) == pytest.approx(-largest * LITRE_PER_MINUTE)
@@ -148,14 +148,14 @@ def test_flow_of_compensated_valve_is_independent_of_the_load():
 
 
 @pytest.mark.parametrize(("deflection", "left"), [(0.0, 0.0), (0.9, 0.0), (-0.9, 0.0), (1.5, 0.5), (-1.5, -0.5)])
-def test_backlash_absorbs_deflections_up_to_its_half_width(deflection, left):
+def test_deflections_up_to_half_of_the_backlash_have_no_effect(deflection, left):
     assert beyond_play(deflection, 1.0) == left
 
 
 @pytest.mark.parametrize(
     ("voltage", "flow"), [(8.0, 1.3 * 1.6), (4.0, -1.3 * 1.4), (12.0, 6.0), (0.0, -6.0), (6.6, 0.0)]
 )
-def test_a_worn_valve_has_less_flow_and_a_wider_dead_band(voltage, flow):
+def test_worn_valve_has_less_flow_and_a_wider_dead_band(voltage, flow):
     """Half of 3.2 and 2.8 l/(min V) beyond 0.4 + 0.3 V, at most half of 12 l/min."""
     law, _ = valve_law(Valve(), DT)
     found = static_flow(worn_valve(law, 0.5, 0.3), voltage) / LITRE_PER_MINUTE

@@ -27,7 +27,7 @@ def test_default_tyres_of_a_light_tractor_have_the_minimum_pressure():
         assert wheel.damping == pytest.approx(2 * 0.15 * sqrt(wheel.stiffness * wheel.load / G))
 
 
-def test_default_tyres_of_a_large_tractor_deflect_by_a_fifth():
+def test_default_tyres_of_a_large_tractor_deflect_by_a_fifth_of_height():
     """The section height is three quarters of the width."""
     for wheel in TractorParameters(mass_kg=6000.0, wheelbase_m=2.8).wheels:
         assert wheel.deflection == pytest.approx(0.2 * 0.75 * wheel.width)
@@ -56,7 +56,7 @@ def test_trailer_tyre_stiffness_is_proportional_to_load():
     assert large.load == pytest.approx(1000 * G * 1.75 / 2.0 / 2)
 
 
-def test_relief_torque_is_three_times_the_parked_steering_torque():
+def test_torque_at_relief_pressure_is_three_times_the_parking_torque():
     wide = LARGE.model_copy(update={"front_wheel_width_m": 0.36})
     laid = Linkage(kingpin_offset_m=0.05, friction_n_m=20.0)
     rule = 0.75 * 3600 * G * 0.44 * sqrt(0.36**2 / 8 + 0.05**2)
@@ -64,7 +64,7 @@ def test_relief_torque_is_three_times_the_parked_steering_torque():
     assert Cylinder(relief_pressure_bar=50).column(wide).relief_torque == pytest.approx(50e5 * Cylinder().displacement)
 
 
-def test_oil_column_scales_with_load_and_width_of_front_tyres():
+def test_oil_column_stiffness_scales_with_load_and_width_of_front_tyres():
     heavy = COMPACT.model_copy(update={"mass_kg": 1500.0, "front_wheel_width_m": 0.24})
     assert Cylinder().column(COMPACT)[1:] == (5e4, 400.0)
     assert Cylinder().column(heavy)[1:] == pytest.approx((1.5e5, 1200.0))
@@ -98,13 +98,13 @@ def test_mass_and_wheelbase_define_a_tractor_of_the_same_shape():
     assert large.model_fields_set == {"mass_kg", "wheelbase_m"}
 
 
-def test_other_inertias_scale_with_a_specified_yaw_inertia():
+def test_roll_and_pitch_inertia_scale_with_a_specified_yaw_inertia():
     given = TractorParameters(mass_kg=6000.0, wheelbase_m=2.8, yaw_inertia_kg_m2=16000.0)
     assert (given.roll_inertia_kg_m2, given.pitch_inertia_kg_m2) == pytest.approx((40 * 120, 40 * 340))
     assert TractorParameters(roll_inertia_kg_m2=100.0).yaw_inertia_kg_m2 == 400.0
 
 
-def test_derived_lengths_stay_within_the_ranges_of_their_keys():
+def test_lengths_derived_from_size_stay_within_the_ranges_of_their_keys():
     assert TractorParameters(wheelbase_m=10.0).rear_wheel_radius_m == 2.0
     assert TractorParameters(**TractorParameters(wheelbase_m=0.5).model_dump()).wheelbase_m == 0.5
 
@@ -160,7 +160,7 @@ def swaths(**given):
     return load_scenario("straight_line", {"path.kind": "swaths", **keys}).path
 
 
-def test_headland_turn_radius_scales_with_the_turning_circle():
+def test_default_headland_turn_radius_scales_with_the_turning_circle():
     """L / tan(limit): 1.4 / tan(30 deg) is sqrt(3) times that at 45 deg; more than 45 deg leaves the steering room."""
     assert swaths(tractor__steer_limit_deg=30.0).turn_radius_m == pytest.approx(3.0 * sqrt(3.0))
     assert swaths(tractor__steer_limit_deg=55.0).turn_radius_m == 3.0

@@ -32,7 +32,7 @@ TYRES = {"front_tyre": "420/85R30", "rear_tyre": "520/85R42"}
         ("26x12.00-12", 0.305, 0.660, False),
     ],
 )
-def test_tyre_size_codes_of_every_family_give_the_dimensions(code, width, diameter, radial):
+def test_tyre_dimensions_are_derived_from_size_codes_of_every_family(code, width, diameter, radial):
     size = tyre_size(code)
     assert size[:2] == pytest.approx((width, diameter), abs=6e-4)
     assert size.radial is radial
@@ -44,7 +44,7 @@ def test_diameters_from_inch_codes_agree_with_data_sheets_within_2_percent(code,
 
 
 @pytest.mark.parametrize("code", ["", "tall", "520/85", "520/5R42", "9999/85R42", "520/85R99", "0-0", "1x1-1"])
-def test_error_for_an_invalid_tyre_size_code_names_key_and_fix(code):
+def test_error_for_an_invalid_tyre_size_code_names_key_and_remedy(code):
     with pytest.raises(ScenarioError) as caught:
         load_scenario("straight_line", {"tractor.rear_tyre": code})
     assert str(caught.value).count("\n") == 0
@@ -62,7 +62,7 @@ def test_tyre_keys_defined_by_a_custom_body_are_rejected(keys):
         TractorParameters(mjcf="own.xml", **keys)
 
 
-def test_overridden_tyre_size_of_a_machine_is_written_and_read_unchanged(tmp_path):
+def test_overridden_tyre_size_is_unchanged_by_writing_and_reading(tmp_path):
     changed = {"machine": "row_crop", "tractor.rear_tyre": "480/80R46", "tractor.rear_tyre_pressure_bar": 0.9}
     scenario = load_scenario("straight_line", changed)
     assert scenario.tractor.rear_wheel.radius == pytest.approx((46 * 0.0254 + 2 * 0.8 * 0.48) / 2)
@@ -118,7 +118,7 @@ def test_soil_law_uses_section_height_and_carcass_of_the_size_code():
     assert Soil(ply="bias").coefficients(tractor)[1].radial == 0.0
 
 
-def test_an_underinflated_tyre_is_reported_by_its_pressure():
+def test_hint_for_an_underinflated_tyre_states_its_pressure():
     vehicle = load_scenario("straight_line", {"machine": "row_crop", "tractor.rear_tyre": "520/85R42"}).vehicle
     flat = vehicle._replace(tractor=TractorParameters(**LARGE, **TYRES, rear_tyre_pressure_bar=0.3))
     assert any(line.startswith("tractor.rear_tyre_pressure_bar: ") for line in fit_warnings(flat, True, 1.0))
