@@ -85,7 +85,7 @@ def test_lateral_antenna_shift_is_height_times_sine_of_roll() -> None:
     assert cause_of(view, across=True) == LEAN
 
 
-def test_contributions_of_a_perfect_estimate_are_zero() -> None:
+def test_estimator_contributions_of_a_perfect_estimate_are_zero() -> None:
     error, parts = contributions(RunView(LoggedRun()))
     assert not error.any()
     assert all(np.abs(part).max() < 1e-12 for part in parts.values())
@@ -101,12 +101,12 @@ CASES = {
 
 
 @pytest.mark.parametrize("cause", CASES)
-def test_main_cause_of_the_error_is_identified_from_the_log(cause: str) -> None:
+def test_main_cause_of_the_cross_track_error_is_identified_from_the_log(cause: str) -> None:
     assert cause_of(RunView(LoggedRun(**CASES[cause])), across=True) == cause
 
 
 @pytest.mark.parametrize("own_s", [0.3, 0.2, 0.0])
-def test_latency_is_the_cause_of_longitudinal_but_not_lateral_error(own_s: float) -> None:
+def test_gnss_latency_is_the_cause_of_only_the_longitudinal_error(own_s: float) -> None:
     """The latency is the receiver's own, a fault's from 6 s to 13 s, or the sum of both."""
     t, fault = np.arange(0.0, 20.0, 0.05), GnssLatency(start_s=6.0, end_s=13.0, latency_s=0.3)
     late_s = own_s + np.where((t > 5.99) & (t < 12.99), 0.3, 0.0)
@@ -117,7 +117,7 @@ def test_latency_is_the_cause_of_longitudinal_but_not_lateral_error(own_s: float
     assert cause_of(RunView(log), across=True) == ""
 
 
-def test_imu_error_is_distinguished_from_uncompensated_roll() -> None:
+def test_imu_error_and_uncompensated_roll_are_distinguished_as_causes() -> None:
     roll, measured = np.radians(5.0), np.radians(2.0)
     foot = ANTENNA_M * (np.sin(roll) - np.sin(measured))
     columns = {"roll": roll, "imu_roll": measured, "imu_pitch": 0.0, "x": CG_M * np.sin(roll)}
@@ -126,7 +126,7 @@ def test_imu_error_is_distinguished_from_uncompensated_roll() -> None:
     assert cause_of(RunView(log), across=True) == UNIT
 
 
-def test_steering_error_compares_the_angle_with_the_previous_command() -> None:
+def test_steering_error_is_angle_minus_command_of_the_previous_tick() -> None:
     command = 0.1 * np.sin(np.arange(400))
     follows = LoggedRun(steer_ref=command, steer=np.roll(command, 1))
     assert metrics(follows)["steer_error_rms"] == pytest.approx(0.0)
@@ -143,7 +143,7 @@ def on_slope() -> Any:
     return run(load_scenario("side_slope_10", SLOPE))
 
 
-def test_run_on_a_slope_reports_roll_as_cause_and_an_effective_remedy(on_slope: Any) -> None:
+def test_run_on_a_slope_reports_antenna_roll_and_an_effective_remedy(on_slope: Any) -> None:
     m = on_slope.metrics
     lean = (2.4 - on_slope.scenario.tractor.cg_height_m) * abs(np.sin(on_slope.column("roll")).mean())
     assert m["xte_estimator_rms"] == pytest.approx(lean, abs=0.015)
@@ -155,7 +155,7 @@ def test_run_on_a_slope_reports_roll_as_cause_and_an_effective_remedy(on_slope: 
     assert "xte_remedy" not in remedied
 
 
-def test_suggested_remedy_lists_only_disabled_keys(on_slope: Any) -> None:
+def test_suggested_remedy_lists_only_features_that_are_disabled(on_slope: Any) -> None:
     half = run(on_slope.scenario.changed({"sensors.imu.enabled": True})).metrics
     assert half["xte_remedy"] == "enable estimator.terrain_compensation"
 
@@ -235,7 +235,7 @@ def test_latency_fault_is_reported_as_cause_with_an_effective_remedy() -> None:
     assert errors[1].mean() < 0.2 * errors[0].mean()
 
 
-def test_remedy_is_suggested_only_if_the_estimator_dominates_the_error() -> None:
+def test_remedy_is_suggested_only_if_estimator_errors_dominate() -> None:
     """With the law `kinematic` the guidance part is larger, and the remedy for a loss of fixes is no help."""
     found = [
         run(load_scenario("straight_line", {**LOST, "guidance.kind": law})).metrics for law in ("kinematic", "lqr")
@@ -252,7 +252,7 @@ def test_run_without_path_following_has_no_error_attribution() -> None:
     assert not m.keys() & {"xte_cause", "xte_remedy", "estimate_warning"}
 
 
-def test_summary_includes_steering_error_if_guidance_error_dominates() -> None:
+def test_attribution_summary_includes_steering_if_guidance_dominates() -> None:
     parts = {"xte_rms": 0.07, "xte_estimator_rms": 0.012, "xte_guidance_rms": 0.068, "steer_error_rms": np.radians(3.0)}
     assert attribution(parts) == "7.0 cm cross-track: 1.2 cm estimator, 6.8 cm guidance (steering error 3.0 deg)"
     assert attribution({**parts, "xte_rms": None}) == ""

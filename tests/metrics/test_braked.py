@@ -32,13 +32,13 @@ def between(first, last):
     return ((rows >= first) & (rows < last)).astype(float)
 
 
-def test_braked_drift_excludes_motion_before_standstill():
+def test_drift_of_the_braked_tractor_excludes_motion_before_standstill():
     x = np.minimum(np.arange(ROWS), 100 + STOPPED) * 0.01
     assert drift(between(100, 300), x) == 0.0
     assert drift(between(100, 300), np.arange(ROWS) * 0.01) == pytest.approx((300 - 100 - STOPPED - 1) * 0.01)
 
 
-def test_largest_of_several_braked_drifts_is_reported():
+def test_maximum_of_several_braked_drifts_is_reported():
     x = 1e-5 * np.arange(ROWS)
     assert drift(between(0, 60) + between(100, 390), x) == pytest.approx(1e-5 * (390 - 100 - STOPPED - 1))
 

@@ -45,14 +45,14 @@ def points_beside(path: Any, ahead: Any, left: Any) -> tuple[Any, Any, Any]:
 
 @pytest.mark.parametrize("path", PATHS, ids=repr)
 @pytest.mark.parametrize("ahead", [0.0, -2.5, 1.5])
-def test_cross_track_error_equals_a_constant_offset_at_any_lag(path: Any, ahead: float) -> None:
+def test_cross_track_error_of_a_constant_offset_is_independent_of_lag(path: Any, ahead: float) -> None:
     for left in (-0.8, 0.45):
         t, x, y = points_beside(path, ahead, left)
         assert track(path, t, x, y).offset == pytest.approx(left, abs=4e-3)
 
 
 @pytest.mark.parametrize("path", PATHS, ids=repr)
-def test_path_time_belongs_to_the_nearest_reference_point(path: Any) -> None:
+def test_path_time_is_that_of_the_nearest_reference_point(path: Any) -> None:
     t, x, y = points_beside(path, 0.0, 0.3)
     found = track(path, t, x, y).time
     places = np.array([path.at(s)[:2] for s in found.tolist()])
@@ -75,7 +75,7 @@ def test_nearest_point_does_not_jump_to_the_neighbouring_swath(lag: float) -> No
 
 
 @pytest.mark.parametrize("path", PATHS, ids=repr)
-def test_nearest_point_follows_a_tractor_far_behind_its_reference(path: Any) -> None:
+def test_nearest_path_point_is_found_far_behind_the_reference(path: Any) -> None:
     t, _, _ = points_beside(path, 0.0, 0.0)
     behind = np.array([path.at(0.6 * s) for s in t.tolist()])
     x, y = behind[:, 0] - 0.2 * np.sin(behind[:, 4]), behind[:, 1] + 0.2 * np.cos(behind[:, 4])
@@ -84,7 +84,7 @@ def test_nearest_point_follows_a_tractor_far_behind_its_reference(path: Any) -> 
     assert found.time[-1] < path.duration_s - 5
 
 
-def test_nearest_point_is_searched_near_the_reference_after_a_long_loss() -> None:
+def test_cross_track_error_is_correct_again_after_a_long_position_loss() -> None:
     path = Swaths(length_m=40, swath_m=3.0, turn_radius_m=2.0)
     t, x, y = points_beside(path, -1.0, 0.3)
     lost = slice(len(t) // 4, 3 * len(t) // 4)
@@ -94,7 +94,7 @@ def test_nearest_point_is_searched_near_the_reference_after_a_long_loss() -> Non
     assert np.delete(found, np.r_[lost]) == pytest.approx(0.3, abs=4e-3)
 
 
-def test_path_is_extended_straight_at_standstill_and_beyond_its_ends() -> None:
+def test_cross_track_error_at_path_ends_uses_a_straight_extension() -> None:
     path = LaneChange(straight_m=15)
     t = np.array([0.0, 0.0, path.duration_s + 5])
     end = path.at(t[-1])
@@ -109,7 +109,7 @@ def test_cross_track_error_is_missing_without_rows_or_positions() -> None:
     assert np.isnan(lost.time).all()
 
 
-def test_nearest_point_stays_on_its_branch_at_a_crossing() -> None:
+def test_nearest_path_point_stays_on_the_driven_branch_at_a_crossing() -> None:
     path = Waypoints()
     grid = np.arange(0, path.duration_s, 0.05)
     points = np.array([path.at(s)[:2] for s in grid.tolist()])

@@ -21,7 +21,7 @@ def log(speed, reference, seconds=40.0, behind=None):
     return SimpleNamespace(column=columns.__getitem__)
 
 
-def test_lag_of_a_slow_tractor_is_speed_deficit_times_time():
+def test_lag_of_a_slow_tractor_is_its_speed_deficit_times_the_duration():
     lag = lag_of(log(speed=1.5, reference=2.0))
     assert lag.behind_m == pytest.approx(0.5 * 39.95)
     assert (lag.speed_m_s, lag.reference_m_s) == pytest.approx((1.5, 2.0))
@@ -31,11 +31,11 @@ def test_lag_of_a_slow_tractor_is_speed_deficit_times_time():
 @pytest.mark.parametrize(
     ("behind", "text"), [(0.4, ""), (-3.0, "3.0 m ahead of its reference"), (17.04, "17.0 m behind its reference")]
 )
-def test_only_a_significant_lag_or_lead_is_reported(behind, text):
+def test_lag_or_lead_of_the_tractor_is_reported_only_if_significant(behind, text):
     assert lag_of(log(speed=2.0, reference=2.0, behind=behind)).text == text
 
 
-def test_lag_is_none_without_two_finite_rows():
+def test_lag_is_none_without_two_rows_of_finite_values():
     assert lag_of(log(1.0, 1.0, seconds=0.05)) is None
     assert lag_of(log(1.0, 1.0, seconds=0.0)) is None
     assert lag_of(log(1.0, 1.0, behind=np.nan)) is None

@@ -73,7 +73,7 @@ def test_network_fraction_of_the_command_is_zero_without_a_network(tau_c: float,
     assert metrics(four_ticks(tau_c=tau_c, tau_n=tau_n))["nn_share"] == [0.0, 0.0]
 
 
-def test_consistency_and_saturation_metrics_are_means_over_ticks() -> None:
+def test_nees_nis_and_steering_saturation_metrics_are_means_over_ticks() -> None:
     m = metrics(
         four_ticks(position_nees=[1, 3, np.nan, 2], position_nis=[np.nan, 1, 2, np.nan], steer_saturated=[0, 1, 0, 0])
     )
@@ -143,7 +143,7 @@ def test_run_that_ends_early_has_no_metrics_for_unreached_laps() -> None:
     assert m["nn_share"] == [1.0, 1.0]
 
 
-def test_last_lap_is_complete_although_the_last_tick_is_before_its_end() -> None:
+def test_last_lap_is_complete_if_the_last_tick_is_just_before_its_end() -> None:
     path = FigureEight()
     m = metrics(FakeLog(path, np.arange(0, path.duration_s, 0.05)))
     assert [turn["complete"] for turn in m["per_turn"]] == [True, True]
@@ -162,7 +162,7 @@ def test_metrics_ignore_missing_values_and_are_none_without_values() -> None:
 
 
 @pytest.mark.parametrize("statistic", [mean, rms, mean_magnitude, abs_p95])
-def test_statistic_of_too_few_values_is_none(statistic: Any) -> None:
+def test_statistics_of_too_few_values_are_none(statistic: Any) -> None:
     few = np.concatenate((np.ones(LEAST - 1), [np.nan, np.inf]))
     assert statistic(few) is None
     assert statistic(np.append(few, 1.0)) == pytest.approx(1.0)
@@ -181,7 +181,7 @@ def test_run_without_ticks_has_no_metric_values() -> None:
     json.dumps(m, allow_nan=False)
 
 
-def test_errors_are_computed_over_a_time_window() -> None:
+def test_error_metrics_can_be_limited_to_a_time_window() -> None:
     log = four_ticks(e_lateral=[7, 1, 2, 3])
     assert errors(log, start_s=0)["lateral_mse"] == pytest.approx(14 / 3)
     assert errors(log, start_s=1, end_s=1.5)["lateral_mse"] == 4
@@ -199,7 +199,7 @@ def test_cross_track_error_equals_the_path_distance_to_a_millimetre(path: Any) -
     assert cross_track(path, t, x, y) == pytest.approx(left, abs=1e-3)
 
 
-def test_cross_track_error_uses_the_right_branch_at_figure_eight_crossing() -> None:
+def test_cross_track_error_uses_the_driven_branch_at_a_crossing() -> None:
     path = FigureEight()
     t = np.linspace(path.turn_s / 2 - 8, path.turn_s / 2 + 8, 200)
     x, y = points_beside(path, t, -5.0, 3.0)
@@ -219,7 +219,7 @@ def test_maximum_error_includes_an_error_of_a_single_tick() -> None:
     assert metrics(FakeLog(Line(speed_m_s=1), t, x=t, y=y))["xte_abs_max"] == pytest.approx(0.7)
 
 
-def test_lag_changes_longitudinal_error_but_not_cross_track_error() -> None:
+def test_lag_behind_the_reference_changes_only_the_longitudinal_error() -> None:
     path = Line(speed_m_s=1)
     t = np.arange(0, 10, 0.05)
     m = metrics(FakeLog(path, t, x=t - 2, y=0.1, e_longitudinal=2, e_lateral=0.1))
@@ -238,7 +238,7 @@ def test_run_in_is_excluded_from_lap_metrics() -> None:
     assert m["lateral_mse"] == pytest.approx(np.mean(lateral**2))
 
 
-def test_lap_is_complete_after_99_percent_of_its_length() -> None:
+def test_lap_counts_as_complete_after_99_percent_of_its_length() -> None:
     assert [turn["complete"] for turn in metrics(four_ticks())["per_turn"]] == [True, True]
     circle = Circle(radius_m=1 / (2 * np.pi), speed_m_s=1, turns=2, ramp_s=0)
     for end, complete in ((1.985, False), (1.995, True)):
@@ -246,7 +246,7 @@ def test_lap_is_complete_after_99_percent_of_its_length() -> None:
         assert [turn["complete"] for turn in metrics(log)["per_turn"]] == [True, complete]
 
 
-def test_run_of_a_field_path_has_pass_to_pass_metrics() -> None:
+def test_run_on_a_path_with_field_passes_has_pass_to_pass_metrics() -> None:
     field = Swaths(length_m=30.0, run_in_m=5.0, swath_m=2.0, count=3)
     t = np.arange(0.0, field.duration_s, 0.05)
     x, y = points_beside(field, t, 0.0, 0.12)

@@ -36,7 +36,7 @@ def judged(path: Any, offset: Any, share: float = 1.0) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("path", FIELDS, ids=repr)
-def test_run_without_deviation_has_zero_pass_to_pass_error(path: Any) -> None:
+def test_run_exactly_on_the_path_has_zero_pass_to_pass_error(path: Any) -> None:
     found = judged(path, lambda k, a: 0.0)
     assert found["label"] == "12188-2-style"
     assert found["pass_to_pass_p95_m"] == pytest.approx(0, abs=1e-6)
@@ -45,7 +45,7 @@ def test_run_without_deviation_has_zero_pass_to_pass_error(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", FIELDS, ids=repr)
-def test_constant_position_shift_causes_no_pass_to_pass_error(path: Any) -> None:
+def test_constant_shift_of_all_passes_causes_no_pass_to_pass_error(path: Any) -> None:
     found = judged(path, lambda k, a: 0.1)
     assert found["pass_to_pass_p95_m"] == pytest.approx(0, abs=1e-6)
     assert found["pass_xte_abs_p95_m"] == pytest.approx(0.1)
@@ -62,7 +62,7 @@ def test_constant_left_offset_causes_overlaps_and_gaps_of_twice_the_offset(path:
     assert [one["xte_rms"] for one in found["per_pass"]] == pytest.approx([0.05] * path.count, rel=0.01)
 
 
-def test_diverging_swaths_are_reported_as_too_wide() -> None:
+def test_passes_that_are_too_far_apart_have_a_positive_mean_error() -> None:
     for path in (Swaths(**SMALL), Swaths(**SMALL, turn="u", count=9)):
         lines = list(path.order)
         spread = judged(path, lambda k, a, lines=lines: 0.02 * lines[min(k, len(lines) - 1)])
@@ -77,12 +77,12 @@ def test_neighbouring_passes_are_compared_at_equal_distances() -> None:
     assert found["pass_xte_abs_p95_m"] > 0.15
 
 
-def test_run_in_is_excluded_from_pass_metrics() -> None:
+def test_run_in_section_is_excluded_from_pass_to_pass_metrics() -> None:
     found = judged(Swaths(**SMALL), lambda k, a: 0.5 if (a < 9 if k % 2 == 0 else a > 41) else 0.0)
     assert found["pass_xte_abs_p95_m"] == pytest.approx(0, abs=1e-6)
 
 
-def test_p95_uses_error_magnitudes_sampled_at_equal_distances() -> None:
+def test_pass_to_pass_p95_uses_error_magnitudes_at_equal_distances() -> None:
     """Every pass but the first is off on 2 of the 30 m that it shares with its neighbours."""
     path = Swaths(**SMALL, count=2)
     found = judged(path, lambda k, a: -0.3 if k == 1 and 24 <= a <= 26 else 0.0)
@@ -107,7 +107,7 @@ def test_single_pass_has_no_pass_to_pass_error() -> None:
     assert found["pass_xte_abs_p95_m"] == pytest.approx(0.1)
 
 
-def test_pass_with_too_few_samples_has_no_metrics() -> None:
+def test_pass_with_too_few_samples_has_no_pass_to_pass_metrics() -> None:
     stations = np.arange(float(LEAST))
     some = Passed(line=0.0, direction=-1, span=50.0, stations=stations, errors=0.0 * stations + 0.2).numbers(4)
     assert (some["pass"], some["complete"]) == (4, False)

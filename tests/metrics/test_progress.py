@@ -87,7 +87,7 @@ def test_tractor_that_stops_keeps_its_progress(path):
     assert not found.enough
 
 
-def test_tractor_stopped_before_path_end_gets_no_delay_allowance():
+def test_tractor_stopped_before_the_path_end_does_not_finish_the_path():
     path = Line(length_m=6.0, speed_m_s=1.0)
     t = ticks(path)
     driving, stopped = (places(path, late) for late in (t - 1.8, np.minimum(t, path.duration_s - 2.4)))
@@ -95,19 +95,19 @@ def test_tractor_stopped_before_path_end_gets_no_delay_allowance():
     assert not view(path, stopped).progress.enough
 
 
-def test_tractor_that_never_moves_gets_no_delay_allowance():
+def test_tractor_that_never_moves_does_not_finish_the_path():
     path = Line(length_m=10.0, speed_m_s=1.0, ramp_s=0.0)
     end = LATE_S + 0.06
     assert not view(path, np.zeros((len(ticks(path, end)), 2)), end).progress.enough
 
 
-def test_progress_includes_the_first_and_last_blocks_of_the_path():
+def test_progress_includes_the_first_and_last_segments_of_the_path():
     path = Line(length_m=3.0, speed_m_s=1.0, ramp_s=0.0)
     found = view(path, places(path, ticks(path, 3.5)), 3.5).progress
     assert found.driven == pytest.approx(found.length) == pytest.approx(3.0, abs=0.06)
 
 
-def test_lag_of_17_m_reduces_the_driven_length_by_17_m():
+def test_lag_of_17_m_at_the_end_reduces_the_driven_length_by_17_m():
     path = FigureEight()
     t = ticks(path)
     place = places(path, t * (1 - 17.0 / 1.2 / path.duration_s))
@@ -117,12 +117,12 @@ def test_lag_of_17_m_reduces_the_driven_length_by_17_m():
 
 
 @pytest.mark.parametrize(("aside", "expected"), [(-4.5, 1.0), (4.5, 1.0), (-5.5, 0.0), (5.5, 0.0)])
-def test_path_passed_outside_the_corridor_is_not_counted_as_driven(aside, expected):
+def test_path_passed_outside_the_lateral_corridor_is_not_driven(aside, expected):
     path = Line(length_m=60.0)
     assert share(path, places(path, ticks(path)) + [0.0, aside]) == pytest.approx(expected, abs=0.01)
 
 
-def test_cutting_a_bend_inside_the_corridor_counts_as_driven():
+def test_bend_cut_inside_the_lateral_corridor_counts_as_driven():
     path = Circle(radius_m=8.0, direction="left", turns=2)
     centre = path.at(0.0)[:2] + np.array([0.0, 8.0])
     outside = places(path, ticks(path))
@@ -155,7 +155,7 @@ def test_excursion_reduces_progress_only_by_its_own_length():
     assert found.length - found.driven == pytest.approx(400 * TICK_S * 1.2, abs=2.0)
 
 
-def test_path_length_ends_at_the_end_of_the_reference():
+def test_planned_path_length_ends_at_the_end_of_the_reference():
     path = FigureEight()
     short = places(path, ticks(path, 30.0))
     assert share(path, short, 30.0) == pytest.approx(1.0, abs=0.01)
@@ -165,7 +165,7 @@ def test_path_length_ends_at_the_end_of_the_reference():
     assert share(line, places(line, np.minimum(ticks(line, 300.0), 9.0)), 300.0) < 0.5
 
 
-def test_run_aborted_early_has_little_progress_on_its_planned_path():
+def test_progress_of_an_aborted_run_refers_to_the_planned_path():
     path = Line(length_m=100.0)
     assert share(path, places(path, ticks(path))[:200], 80.0) == pytest.approx(9.6 / 93.6, abs=0.02)
 
@@ -181,14 +181,14 @@ def test_progress_ignores_non_finite_positions():
 
 
 @pytest.mark.parametrize("duration", [0.05, 0.3, 0.6])
-def test_path_shorter_than_a_step_has_no_driven_fraction(duration):
+def test_driven_fraction_is_none_for_a_path_shorter_than_one_step(duration):
     path = Line(speed_m_s=0.2)
     found = view(path, np.zeros((1, 2)), duration).progress
     assert found.share is None
     assert found.enough
 
 
-def test_driven_fraction_is_a_metric():
+def test_driven_fraction_of_the_path_is_a_metric():
     path = FigureEight(turns=1)
     t = ticks(path, 30.0)
     from test_metrics import FakeLog

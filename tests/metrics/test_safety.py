@@ -30,17 +30,17 @@ def test_stop_time_is_measured_from_the_start_of_the_fault():
     assert (found["offset_max"], found["off_s"], found["overspeed"]) == pytest.approx((0.0, 0.0, 1.0), abs=1e-9)
 
 
-def test_distance_is_measured_from_the_start_of_the_fault():
+def test_stopping_distance_is_measured_from_the_start_of_the_fault():
     slowing = np.where(np.arange(400) < 200, 1.2, 0.0)
     assert Safety().evaluate(RunView(Made(speed=slowing)))["safety"]["way"] == pytest.approx(1.2 * 100 * TICK_S)
 
 
-def test_end_speed_is_the_magnitude_of_the_last_speed():
+def test_final_speed_metric_is_the_magnitude_of_the_last_speed():
     slowing = np.linspace(-1.2, -0.3, 400)
     assert Safety().evaluate(RunView(Made(speed=slowing)))["safety"]["speed_end"] == pytest.approx(0.3)
 
 
-def test_maximum_offset_is_zero_without_positions_after_the_fault():
+def test_maximum_offset_is_zero_if_positions_after_the_fault_are_unknown():
     lost = np.where(np.arange(400) < 100, 0.0, np.nan)
     assert Safety().evaluate(RunView(Made(y=lost)))["safety"]["offset_max"] == 0.0
 

@@ -18,7 +18,7 @@ def found(offset, left, t=T):
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_overshoot_is_the_maximum_distance_after_crossing_the_line(side):
+def test_overshoot_is_the_maximum_distance_from_the_line_after_crossing(side):
     y = side * np.select([T < 5.0, T < 7.0], [2.0 - 0.4 * T, -0.3], 0.01)
     way = found(2.0 * side, y)
     assert way["acquired_s"] == pytest.approx(7.0, abs=0.06)
@@ -43,13 +43,13 @@ def test_short_later_excursion_does_not_change_the_acquisition_time():
     )
 
 
-def test_line_acquired_too_late_to_be_held_is_not_acquired():
+def test_line_reached_too_late_to_be_held_counts_as_not_acquired():
     begins = T[-1] - HELD_S + 0.5
     assert found(2.0, np.where(begins > T, 0.3, 0.0))["acquired_s"] is None
     assert found(2.0, np.where(begins - 1.0 > T, 0.3, 0.0))["acquired_s"] == pytest.approx(begins - 1.0, abs=0.06)
 
 
-def test_tractor_starting_within_the_band_has_acquired_the_line():
+def test_tractor_starting_within_the_tolerance_has_acquired_the_line():
     assert found(0.04, np.full(len(T), 0.04))["acquired_s"] == 0.0
 
 

@@ -9,7 +9,7 @@ from scipy.special import ellipe
 from agrobot_mj.paths import LaneChange, Sinusoid, sample
 
 
-def test_sinusoid_follows_its_formula():
+def test_sinusoidal_path_follows_its_formula():
     path = Sinusoid(amplitude_m=3, wavelength_m=25, count=3)
     x, y = sample(path, np.linspace(0, path.duration_s, 3000)).T
     assert y == pytest.approx(3 * np.sin(2 * pi * x / 25), abs=1e-3)
@@ -25,7 +25,7 @@ def test_sinusoid_has_analytic_length_and_crest_curvature():
     assert abs(path.sharpest.y) == pytest.approx(3, abs=1e-3)
 
 
-def test_negative_amplitude_mirrors_and_heading_rotates_the_sinusoid():
+def test_negative_amplitude_mirrors_and_heading_rotates_sinusoidal_path():
     left, right = Sinusoid(), Sinusoid(amplitude_m=-2, heading_deg=90, start_x_m=5)
     grid = np.linspace(0, left.duration_s, 100)
     a, b = sample(left, grid), sample(right, grid)
@@ -33,12 +33,12 @@ def test_negative_amplitude_mirrors_and_heading_rotates_the_sinusoid():
     assert b[:, 0] - 5 == pytest.approx(a[:, 1], abs=1e-9)
 
 
-def test_sampling_of_short_waves_preserves_their_maximum_curvature():
+def test_sampled_sinusoid_of_short_waves_keeps_its_maximum_curvature():
     path = Sinusoid(amplitude_m=0.1, wavelength_m=0.5)
     assert path.max_curvature == pytest.approx(0.1 * (2 * pi / 0.5) ** 2, rel=0.02)
 
 
-def test_lane_change_starts_and_ends_on_its_two_lines():
+def test_lane_change_starts_on_one_line_and_ends_on_the_other():
     path = LaneChange(offset_m=3, change_m=12, straight_m=20)
     x, y = sample(path, np.linspace(0, path.duration_s, 4000)).T
     assert y[x <= 20] == pytest.approx(0, abs=1e-6)

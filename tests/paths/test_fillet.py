@@ -25,7 +25,7 @@ def points(path, count=40000):
 
 
 @pytest.mark.parametrize("transition", ["none", "clothoid"])
-def test_rows_between_rounded_corners_are_exactly_straight(tmp_path, transition):
+def test_path_between_rounded_corners_is_exactly_straight(tmp_path, transition):
     path = waypoints(tmp_path, FIELD, transition=transition)
     x, y = points(path).T
     for row in (-6, 6, 18):
@@ -43,12 +43,12 @@ def test_rows_with_many_waypoints_are_exactly_straight(tmp_path):
     assert np.abs(y[row] + 6).max() < 1e-9
 
 
-def test_spline_oscillates_along_a_straight_row(tmp_path):
+def test_spline_through_waypoints_oscillates_along_a_straight_row(tmp_path):
     x, y = points(waypoints(tmp_path, FIELD, corners="spline")).T
     assert np.abs(y[(x > 8) & (x < 32) & (y < 0)] + 6).max() > 0.1
 
 
-def test_corner_is_an_arc_of_the_specified_radius(tmp_path):
+def test_rounded_corner_is_an_arc_of_the_specified_radius(tmp_path):
     path = waypoints(tmp_path, [(0, 0), (30, 0), (30, 30)], corner_radius_m=5, transition="none")
     assert path.max_curvature == pytest.approx(0.2)
     assert path.motion.distances[-1] == pytest.approx(2 * 25 + 5 * pi / 2)
@@ -105,7 +105,7 @@ def test_waypoint_speeds_limit_the_speed_on_segments_and_corners(tmp_path):
             assert hypot(r.vx, r.vy) <= 1.0 - 0.6 * (along - 0.5) / 30 + 1e-9
 
 
-def test_error_for_a_path_reversal_names_the_waypoint(tmp_path):
+def test_error_for_a_reversal_between_waypoints_names_the_waypoint(tmp_path):
     (tmp_path / "route.csv").write_text("0,0\n20,0\n5,0.05\n")
     scenario = tmp_path / "mine.toml"
     scenario.write_text('[path]\nkind = "waypoints"\nfile = "route.csv"\n')

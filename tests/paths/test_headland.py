@@ -39,7 +39,7 @@ def test_clothoid_turns_have_continuous_curvature(shape, away):
     assert max(abs(p.curvature) for p in pieces) <= 1 / R + 1e-12
 
 
-def test_k_turn_has_length_of_half_circle_and_depth_below_one_radius():
+def test_k_turn_is_as_long_as_a_semicircle_and_less_than_a_radius_deep():
     pieces = headland_turn(2.0, "k", R, inf, 1.0)
     first = acos((1 - 2.0 / (2 * R)) / 2)
     assert [p.length for p in pieces] == pytest.approx([R * first, R * (pi - 2 * first), R * first])
@@ -64,14 +64,14 @@ def test_k_turn_needs_less_headland_than_an_omega_turn():
     assert depths[0] < 0.65 * depths[1]
 
 
-def test_medium_pass_distance_gives_a_half_turn_of_larger_radius():
+def test_medium_pass_spacing_gives_a_semicircle_of_larger_radius():
     pieces = headland_turn(7.0, "omega", R, C, 1.0)
     assert len(pieces) == 3
     assert pieces[1].curvature < 1 / R
     assert len(headland_turn(9.0, "omega", R, C, 1.0)) == 7
 
 
-def test_u_turns_with_clothoids_skip_more_passes():
+def test_u_turns_with_clothoids_must_skip_more_passes():
     path = Swaths(length_m=30, run_in_m=5, swath_m=3.02, count=10, turn="u", transition="clothoid")
     assert half_turn_width(R, path.sharpness(1.0)) > 2 * 3.02 > 2 * R
     assert np.abs(np.diff(path.order)).min() >= 3

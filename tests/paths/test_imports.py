@@ -104,14 +104,14 @@ THIRD = {
 
 
 @pytest.mark.parametrize("name", THIRD)
-def test_third_column_without_a_name_is_not_read_as_heading_or_height(tmp_path, name):
+def test_unnamed_third_column_of_headings_or_heights_is_not_read(tmp_path, name):
     text = "".join(f"{x},{y},{z}\n" for (x, y), z in zip(CIRCLE, THIRD[name], strict=True))
     points, notes = points_of(tmp_path, "unnamed.csv", text)
     np.testing.assert_allclose(points, CIRCLE)
     assert notes == ("the third column has no speeds and is ignored",)
 
 
-def test_third_column_of_speeds_without_a_name_is_kept(tmp_path):
+def test_unnamed_third_column_with_speeds_is_read_as_speed(tmp_path):
     text = "".join(f"{x},{y},{2 + 0.01 * k}\n" for k, (x, y) in enumerate(CIRCLE))
     assert points_of(tmp_path, "unnamed.csv", text).points[:, 2] == pytest.approx(2 + 0.01 * np.arange(40))
 
@@ -130,7 +130,7 @@ def test_recorded_speeds_are_limited_and_missing_ones_filled(tmp_path):
     assert points_of(tmp_path, "empty.csv", empty).points.shape == (40, 2)
 
 
-def test_rows_without_a_position_are_omitted(tmp_path):
+def test_rows_of_a_path_file_without_a_position_are_omitted(tmp_path):
     text = "t,x,y\n0,,\n" + "".join(f"{k},{x},{y}\n" for k, (x, y) in enumerate(BEND)) + "9,,\n"
     points, notes = points_of(tmp_path, "gaps.csv", text)
     np.testing.assert_allclose(points, BEND)
@@ -139,7 +139,7 @@ def test_rows_without_a_position_are_omitted(tmp_path):
         points_of(tmp_path, "half.csv", "x,y\n1,\n2,3\n")
 
 
-def test_table_in_a_windows_encoding_is_read(tmp_path):
+def test_path_table_in_a_windows_encoding_is_read(tmp_path):
     (tmp_path / "acker.csv").write_bytes("x,y,Flächenname\n".encode("cp1252") + b"0,0,\xfc\n10,0,\xe4\n20,5,a\n")
     assert track(stamp(str(tmp_path / "acker.csv")), "", False).points.tolist() == [[0, 0], [10, 0], [20, 5]]
 
@@ -226,7 +226,7 @@ def test_long_reverse_section_of_a_track_is_kept():
     assert cleaned(out_and_back) == (pytest.approx(np.arange(5)), [])
 
 
-def test_error_for_legs_too_short_for_a_corner_contains_no_solver_text(tmp_path):
+def test_error_for_segments_too_short_for_a_corner_has_no_solver_text(tmp_path):
     tight = [(0, 0), (10, 0), (10, 0.002), (0, 0.3)]
     (tmp_path / "tight.csv").write_text("".join(f"{x},{y}\n" for x, y in tight))
     with pytest.raises(ValueError, match="too short for its corner of 90 deg") as error:
@@ -234,7 +234,7 @@ def test_error_for_legs_too_short_for_a_corner_contains_no_solver_text(tmp_path)
     assert "signs" not in str(error.value)
 
 
-def test_single_distant_point_is_an_outlier():
+def test_single_distant_point_of_a_track_is_classified_as_an_outlier():
     ring = np.array([(0, 0), (100, 0), (100, 50), (0, 50), (20, 1130)], dtype=float)
     assert outliers(ring).tolist() == [4]
     assert outliers(ring[:4]).tolist() == []

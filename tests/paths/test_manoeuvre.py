@@ -12,7 +12,7 @@ from agrobot_mj.paths import Manoeuvre, Swaths
 from agrobot_mj.paths.manoeuvre import ArcPiece, ClothoidPiece, StraightPiece
 
 
-def test_default_manoeuvre_reverses_into_the_row():
+def test_default_manoeuvre_ends_in_reverse_in_the_crop_row():
     path = Manoeuvre()
     grid = np.linspace(0, path.duration_s, 4000).tolist()
     u = np.array([r.vx * np.cos(r.yaw) + r.vy * np.sin(r.yaw) for r in map(path.at, grid)])
@@ -24,7 +24,7 @@ def test_default_manoeuvre_reverses_into_the_row():
     assert path.motion.distances[-1] == pytest.approx(14 + 2 * 1.5708 + 4 * np.radians(67.5) + 2 + 22)
 
 
-def test_segments_are_joined_and_turn_to_the_side_of_the_steered_wheels():
+def test_manoeuvre_segments_are_joined_and_turn_to_the_specified_side():
     path = Manoeuvre(
         piece=(
             StraightPiece(length_m=5.0),

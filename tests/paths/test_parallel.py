@@ -41,7 +41,7 @@ def test_each_pass_follows_its_line_over_the_field_length(path):
 
 
 @pytest.mark.parametrize("path", FIELDS, ids=repr)
-def test_headland_turns_are_outside_the_field_and_slower(path):
+def test_headland_turns_are_outside_the_field_and_slower_than_passes(path):
     times = np.linspace(0, path.duration_s, 5000)
     references = [path.at(t) for t in times.tolist()]
     along, _ = local(path, sample(path, times))
@@ -56,12 +56,12 @@ def test_headland_turns_are_outside_the_field_and_slower(path):
 
 
 @pytest.mark.parametrize("path", FIELDS, ids=repr)
-def test_headland_turn_reverses_the_heading(path):
+def test_headland_turn_changes_the_heading_by_180_deg(path):
     for (_, end), (start, _) in zip(path.passes_s, path.passes_s[1:], strict=False):
         assert abs(wrap(path.at(start).yaw - path.at(end).yaw)) == pytest.approx(pi)
 
 
-def test_omega_turn_has_the_length_of_three_arcs():
+def test_omega_turn_has_the_analytic_length_of_its_three_arcs():
     path = Swaths(count=2, swath_m=2.0, turn_radius_m=3.0, run_in_m=0.0, length_m=40.0)
     flare = acos((1 + 2 / 6) / 2)
     length = path.motion.distances[-1] - 2 * 40.0 - 5.0
@@ -72,7 +72,7 @@ def test_omega_turn_has_the_length_of_three_arcs():
 
 
 @pytest.mark.parametrize("turn", ["u", "omega"])
-def test_wide_swaths_give_two_quarter_bends_and_a_straight(turn):
+def test_headland_turn_of_wide_swaths_has_two_quarter_arcs_and_a_straight(turn):
     path = Swaths(count=2, swath_m=8.0, turn_radius_m=3.0, turn=turn, run_in_m=0.0)
     assert path.motion.distances[-1] - 2 * 100.0 - 5.0 == pytest.approx(3 * pi + 2)
 
@@ -86,7 +86,7 @@ def test_skip_pattern_visits_each_pass_once_and_keeps_minimum_distance(across):
         assert order[0] == 0
 
 
-def test_skip_pattern_in_full_blocks_moves_by_the_minimum_distance():
+def test_skip_order_moves_by_little_more_than_the_minimum_distance():
     assert list(skipping(10, 2)) == [0, 2, 4, 1, 3, 5, 7, 9, 6, 8]
     assert np.abs(np.diff(list(skipping(70, 3)))).max() == 4
 
@@ -105,7 +105,7 @@ def test_field_too_narrow_for_u_turns_is_rejected():
 
 @pytest.mark.parametrize(("first", "heading"), [("left", 0.0), ("right", pi)])
 @pytest.mark.parametrize("uphill", [90.0, 200.0])
-def test_contour_passes_have_constant_height_and_ascend(first, heading, uphill):
+def test_contour_passes_have_constant_height_and_are_ordered_uphill(first, heading, uphill):
     path = Contour(uphill_deg=uphill, first_uphill=first)
     assert wrap(path.at(0).yaw - heading - np.radians(uphill - 90)) == pytest.approx(0, abs=1e-12)
     up = np.array([np.cos(np.radians(uphill)), np.sin(np.radians(uphill))])

@@ -8,7 +8,7 @@ import pytest
 from agrobot_mj.paths import Circle, FigureEight, Line, sample
 
 
-def test_line_path_ends_at_its_length() -> None:
+def test_line_path_ends_after_its_configured_length() -> None:
     line = Line(start_x_m=1, start_y_m=2, heading_deg=90, length_m=30, speed_m_s=1.5, ramp_s=0)
     assert line.duration_s == 20
     assert line.at(20)[:4] == pytest.approx((1, 32, 0, 1.5))

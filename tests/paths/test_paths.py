@@ -83,12 +83,12 @@ def reverses(path: Any) -> bool:
     return isinstance(path, Timed) and bool((path.motion.course.directions < 0).any())
 
 
-def test_tested_variants_include_every_path_kind() -> None:
+def test_path_tests_include_every_path_kind() -> None:
     assert {type(path) for path in VARIANTS} == set(every(Path))
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_reference_velocity_is_along_the_heading_and_the_rate_of_position(path: Any) -> None:
+def test_reference_velocity_is_along_the_heading_and_equals_position_rate(path: Any) -> None:
     for t in times(path)[1:]:
         before, now, after = path.at(t - EPS), path.at(t), path.at(t + EPS)
         assert (after.x - before.x) / (2 * EPS) == pytest.approx(now.vx, abs=1e-4)
@@ -101,7 +101,7 @@ def test_reference_velocity_is_along_the_heading_and_the_rate_of_position(path: 
 
 
 @pytest.mark.parametrize("path", RAMPED, ids=repr)
-def test_speed_is_constant_after_the_ramp(path: Any) -> None:
+def test_reference_speed_is_constant_after_the_initial_ramp(path: Any) -> None:
     for t in times(path)[1:]:
         speed = path.speed_m_s * (min(t / path.ramp_s, 1.0) if path.ramp_s else 1.0)
         assert hypot(path.at(t).vx, path.at(t).vy) == pytest.approx(speed)
@@ -130,7 +130,7 @@ def test_path_position_is_continuous(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_sharpest_point_is_on_the_path_with_maximum_curvature(path: Any) -> None:
+def test_point_of_maximum_curvature_is_on_the_path(path: Any) -> None:
     place, grid = path.sharpest, np.linspace(0, path.duration_s, 20000)
     points = sample(path, grid)
     distance = np.concatenate(([0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
@@ -150,7 +150,7 @@ def test_path_is_unchanged_by_serialisation(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_path_evaluation_takes_less_than_three_times_as_long_as_a_circle(path: Any) -> None:
+def test_path_evaluation_takes_at_most_three_times_as_long_as_for_a_circle(path: Any) -> None:
     def cost(of: Any) -> int:
         """Return the number of lines that 50 evaluations execute; a search along the path would increase it."""
         grid, executed = np.linspace(0, of.duration_s, 50).tolist(), 0
@@ -287,7 +287,7 @@ def test_reference_is_at_rest_before_the_start_and_then_ramps_up(path: Any) -> N
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_sampled_path_equals_single_evaluations(path: Any) -> None:
+def test_sampled_path_equals_the_path_evaluated_at_each_time(path: Any) -> None:
     t = np.array([0.0, 1.0, 30.0])
     assert sample(path, t).shape == (3, 2)
     assert sample(path, t)[2] == pytest.approx((path.at(30.0).x, path.at(30.0).y))

@@ -17,7 +17,7 @@ from agrobot_mj.paths.route import STEP_M, SampledRoute
 @pytest.mark.parametrize("offset", [-1.5, -0.2, 0.0, 0.3, 2.0])
 @pytest.mark.parametrize("s", [0.013, 4.0, 40.02])
 @pytest.mark.parametrize("path", [Line(heading_deg=30.0), Circle(), Circle(direction="right", radius_m=5.0)], ids=str)
-def test_nearest_point_has_the_correct_distance_and_lateral_offset(path, s, offset):
+def test_nearest_route_point_has_correct_distance_and_lateral_offset(path, s, offset):
     route = SampledRoute(path)
     foot = route.ahead(s)
     x, y = foot.x - offset * sin(foot.yaw), foot.y + offset * cos(foot.yaw)
@@ -44,7 +44,7 @@ def test_route_and_single_path_points_have_equal_curvatures(kind):
 
 
 @pytest.mark.parametrize("kind", every(Path), ids=lambda kind: kind.__name__)
-def test_nearest_point_to_a_reference_is_that_reference(kind):
+def test_nearest_route_point_to_a_reference_point_is_this_point(kind):
     path = kind()
     route, s = SampledRoute(path), 0.0
     for t in np.linspace(0.0, min(path.duration_s, 60.0), 400):
@@ -57,7 +57,7 @@ def test_nearest_point_to_a_reference_is_that_reference(kind):
         s = place.s
 
 
-def test_route_and_cross_track_metric_give_the_same_offsets():
+def test_lateral_offsets_of_route_and_cross_track_metric_are_equal():
     path = FigureEight()
     route, rng, s = SampledRoute(path), np.random.default_rng(3), 0.0
     t = np.arange(10.0, 150.0, 0.5)
@@ -77,7 +77,7 @@ def test_route_and_cross_track_metric_give_the_same_offsets():
     assert np.abs(found) == pytest.approx(brute, abs=1e-3)
 
 
-def test_nearest_point_keeps_its_branch_at_a_crossing():
+def test_nearest_route_point_stays_on_the_driven_branch_at_a_crossing():
     path = FigureEight()
     route, s, yaws = SampledRoute(path), 0.0, []
     for t in np.arange(0.0, 240.0, 0.25):
@@ -96,7 +96,7 @@ def test_route_result_is_independent_of_earlier_queries():
         assert lazy.ahead(s) == eager.ahead(s)
 
 
-def test_path_extends_straight_beyond_its_ends():
+def test_route_extends_straight_beyond_the_ends_of_the_path():
     route = SampledRoute(Line())
     assert route.ahead(-3.0)[2:4] == pytest.approx((-3.0, 0.0))
     behind = route.nearest(-2.0, 0.5, 0.0, 0.0)
@@ -138,7 +138,7 @@ def test_sampled_route_implements_the_route_interface():
     assert pi > route.ahead(1.0).yaw > -pi
 
 
-def test_route_point_at_a_cusp_has_next_direction_and_zero_speed():
+def test_route_point_at_a_cusp_has_zero_speed_and_the_next_direction():
     for path, direction in ((Line(), 1.0), (Manoeuvre(piece=(StraightPiece(length_m=9.0, reverse=True),)), -1.0)):
         route = SampledRoute(path)
         for place in (route.ahead(0.0), route.ahead(-1.0), route.nearest(0.0, 0.1, 0.0, 0.0)):

@@ -24,7 +24,7 @@ def test_clothoid_end_point_equals_the_fresnel_integrals(length, curvature):
 
 @pytest.mark.parametrize("distance", [0.3, -0.5, 4.0, -7.0, 12.0])
 @pytest.mark.parametrize(("curvature", "sharpness"), [(0.0, 0.2), (0.3, -0.2), (-0.4, 0.15), (0.1, 1e-9)])
-def test_advanced_position_is_the_integral_of_the_heading(curvature, sharpness, distance):
+def test_position_along_a_clothoid_is_the_integral_of_the_heading(curvature, sharpness, distance):
     def heading(s):
         return START.yaw + curvature * s + sharpness * s * s / 2
 
@@ -57,7 +57,7 @@ def test_left_arc_driven_in_reverse_turns_the_heading_to_the_right():
 
 @pytest.mark.parametrize("angle", [0.05, 0.5, pi / 2, 2.5, pi + 1])
 @pytest.mark.parametrize("sharpness", [0.15, 0.5, inf])
-def test_bend_turns_by_its_angle_and_has_straight_ends(angle, sharpness):
+def test_clothoid_bend_turns_by_its_angle_and_has_straight_ends(angle, sharpness):
     found = bend(angle, 3.0, sharpness)
     turned = kappa = 0.0
     for piece in found.pieces(1.0):
@@ -74,7 +74,7 @@ def test_bend_turns_by_its_angle_and_has_straight_ends(angle, sharpness):
 
 @pytest.mark.parametrize("angle", [0.05, 0.5, pi / 2, 2.5])
 @pytest.mark.parametrize("sharpness", [0.15, 0.5, inf])
-def test_bend_starts_and_ends_one_tangent_length_from_the_corner(angle, sharpness):
+def test_clothoid_bend_starts_and_ends_a_tangent_length_from_the_corner(angle, sharpness):
     found = bend(angle, 3.0, sharpness)
     x, y, _ = (values[-1] for values in chain(Pose(0, 0, 0), found.pieces(1.0)).joints())
     corner = found.tangent
@@ -115,6 +115,6 @@ def test_clothoid_lead_in_starts_straight_and_joins_the_circle():
     assert circle.sharpest.distance == pytest.approx(0.2 / circle.sharpness(1.2))
 
 
-def test_clothoids_longer_than_half_a_turn_are_rejected():
+def test_figure_eight_radius_too_small_for_its_clothoids_is_rejected():
     with pytest.raises(ValueError, match=r"radius_m: must be at least 2.2[0-9] for clothoids at 3 m/s"):
         FigureEight(transition="clothoid", radius_m=2.0, speed_m_s=3.0)

@@ -44,7 +44,7 @@ def test_path_without_smoothing_passes_every_waypoint(tmp_path, header):
     assert path.at(path.duration_s)[:2] == pytest.approx(points[-1], abs=0.01)
 
 
-def test_waypoints_on_a_circle_give_a_circle(tmp_path):
+def test_smooth_path_through_waypoints_on_a_circle_is_circular(tmp_path):
     path = Waypoints(file=route(tmp_path, ring()), closed=True, smoothing_m=0, laps=2, corners="spline")
     path_points = polyline(path)
     assert np.hypot(*path_points.T) == pytest.approx(20, abs=0.01)
@@ -76,7 +76,7 @@ def test_smoothing_removes_waypoint_noise(tmp_path):
     assert np.sqrt((gaps(smooth, noisy) ** 2).mean()) < 0.065
 
 
-def test_path_speed_is_limited_by_waypoint_speeds_and_by_the_key(tmp_path):
+def test_path_speed_is_limited_by_waypoint_speeds_and_the_speed_key(tmp_path):
     rows = [(x, 0, 2.0 if x < 50 else 0.5) for x in range(0, 101, 10)]
     path = Waypoints(file=route(tmp_path, rows, "x,y,speed\n"), speed_m_s=1.5)
     grid = np.linspace(0, path.duration_s, 2000).tolist()
@@ -90,7 +90,7 @@ def test_three_waypoints_are_accepted(tmp_path):
     assert path.at(path.duration_s)[:2] == pytest.approx((20, 0), abs=0.2)
 
 
-def test_two_waypoints_are_a_straight_line(tmp_path):
+def test_two_waypoints_form_a_straight_line(tmp_path):
     path = Waypoints(file=route(tmp_path, [(0, 0), (30, 40)]))
     assert path.max_curvature == pytest.approx(0, abs=1e-9)
     assert path.at(path.duration_s)[:2] == pytest.approx((30, 40), abs=0.01)
@@ -156,7 +156,7 @@ def rejection(tmp_path, file):
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_error_for_an_invalid_waypoint_names_file_row_and_fix(tmp_path, name):
+def test_error_for_an_invalid_waypoint_names_file_row_and_remedy(tmp_path, name):
     content, text = FAULTS[name]
     (tmp_path / "route.csv").write_text(content)
     message = rejection(tmp_path, "route.csv")
@@ -187,7 +187,7 @@ def test_pipes_and_devices_as_waypoint_files_are_rejected(tmp_path):
     assert "round.csv: no such file in " in rejection(tmp_path, "round.csv")
 
 
-def test_excessive_smoothing_is_rejected(tmp_path):
+def test_excessive_waypoint_smoothing_is_rejected(tmp_path):
     file = route(tmp_path, ring(radius=3))
     with pytest.raises(ValueError, match="smoothing_m: 900 m removes the shape of the path"):
         Waypoints(file=file, closed=True, smoothing_m=900, corners="spline").check()
