@@ -77,7 +77,7 @@ def test_bicycle_step_with_complex_poles_equals_the_matrix_exponential():
 
 
 @pytest.mark.parametrize("u", [0.5, 1.0, 2.0, 4.0])
-def test_steady_yaw_gain_equals_python_control(u):
+def test_steady_state_yaw_gain_equals_that_of_the_python_control_library(u):
     a = lateral_dynamics(LAW, u)
     A, B = matrices(LAW, u)
     assert np.array([[a.A11, a.A12], [a.A21, a.A22]]) == pytest.approx(A)
@@ -98,7 +98,7 @@ def test_understeering_tractor_turns_tighter_in_reverse(u):
 
 
 @pytest.mark.parametrize("u", [0.5, 3.0])
-def test_reverse_equals_forward_with_swapped_axles(u):
+def test_driving_in_reverse_equals_driving_forward_with_swapped_axles(u):
     """Seen by an observer who faces backwards: the steered axle is behind and turns the other way."""
     swapped = LAW._replace(l_f=LAW.l_r, l_r=LAW.l_f, C_f=LAW.C_r, C_r=LAW.C_f)
     back, turned = lateral_dynamics(LAW, -u), lateral_dynamics(swapped, u)
@@ -121,13 +121,13 @@ def test_yaw_rate_is_continuous_through_standstill():
     assert gammas == pytest.approx(speeds * 0.3 / TRACTOR.wheelbase_m, rel=1e-4, abs=1e-9)
 
 
-def test_model_is_kinematic_at_crawl_speed_and_at_rest_at_standstill():
+def test_model_is_kinematic_at_low_speed_and_does_not_move_at_standstill():
     slow = run(LAW, 0.02, 0.3, 10.0)
     assert slow[2] == pytest.approx(0.02 * 0.3 / TRACTOR.wheelbase_m * 10.0, rel=1e-3)
     assert run(LAW, 0.0, 0.3, 1.0) == pytest.approx(np.zeros(5), abs=1e-12)
 
 
-def test_replayed_bicycle_respects_steering_limit_and_may_leave_the_field():
+def test_bicycle_respects_its_steering_limit_and_detects_leaving_terrain():
     plant = BicyclePlant(SPEC, Machine(), Flat(half_size_m=20).ground())
     truth = plant.reset(Reference(0, 0, 0, 0, 0.0, 0))
     for _ in range(100):
@@ -165,7 +165,7 @@ def test_antenna_position_is_the_integral_of_its_velocity(pedal_v):
     assert np.array([now.x, now.y]) - [now.rear_x, now.rear_y] == pytest.approx(LAW.l_r * heading)
 
 
-def test_truth_message_equals_the_bicycle_state():
+def test_truth_values_equal_the_bicycle_state():
     plant, truths = driven((7.5, 8.0), 4.0)
     last = truths[-1]
     x, y, yaw, v, gamma, delta = plant.state[:6]
@@ -199,7 +199,7 @@ def test_steering_rate_equals_oil_flow_divided_by_displacement():
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_wheels_with_backlash_stay_until_the_cylinder_crosses_it(side):
+def test_wheels_do_not_move_until_the_cylinder_has_crossed_the_backlash(side):
     machine = Machine(linkage=Linkage(backlash_deg=4.0))
     plant, truths = driven((NEUTRAL_V + 3 * side, NEUTRAL_V), 1.5, machine)
     there = truths[-1].steer

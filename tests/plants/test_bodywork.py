@@ -82,7 +82,7 @@ def extremes(part):
 
 
 @given(machines())
-def test_wheels_do_not_intersect_the_body_at_any_steering_angle(t):
+def test_wheels_do_not_intersect_the_bodywork_at_any_steering_angle(t):
     body = bodies(t)["chassis"]
     angles = np.linspace(-1.2, 1.2, 9)
     points = np.concatenate([tyre_points(t, True, a) for a in angles] + [tyre_points(t, False, 0.0)])
@@ -91,7 +91,7 @@ def test_wheels_do_not_intersect_the_body_at_any_steering_angle(t):
 
 
 @given(machines())
-def test_body_is_above_the_ground_and_within_the_extent_of_the_tyres(t):
+def test_bodywork_is_above_the_ground_and_within_the_tyre_outlines(t):
     low, high = (np.array(v) for v in zip(*map(extremes, bodies(t)["chassis"]), strict=True))
     assert low[:, 2].min() > 0.1 * t.rear_wheel_radius_m
     assert low[:, 0].min() > -1.5 * t.rear_wheel_radius_m - 0.1
@@ -122,7 +122,7 @@ def test_body_style_is_selected_by_mass_unless_specified(mass, style):
     )
 
 
-def test_body_style_does_not_change_the_run():
+def test_body_style_does_not_change_the_simulation_result():
     logs = [run(load_scenario("figure_eight", {"duration_s": 5.0, "tractor.body": body})) for body in STYLES]
     for log in logs[1:]:
         assert log.signals.equals(logs[0].signals)

@@ -35,7 +35,7 @@ def parked(grade_deg, dt=0.002, **driveline):
 
 @pytest.mark.parametrize("dt", [0.002, 0.005])
 @pytest.mark.parametrize("share", [0.97, 1.02])
-def test_brake_holds_up_to_its_torque_limit_without_creep_or_chatter(share, dt, capsys):
+def test_brake_holds_the_tractor_up_to_its_torque_limit_without_creep(share, dt, capsys):
     tractor = TractorParameters()
     wheel = tractor.rear_wheel
     limit = degrees(asin(TORQUE / (tractor.mass_kg * GRAVITY * (wheel.radius - wheel.deflection / 3))))
@@ -53,13 +53,13 @@ RIDING = {"machine": "riding", "physics": "fast", "terrain": {"kind": "slope", "
 
 
 @pytest.mark.parametrize(("machine", "step_s"), [("riding", 0.0025), ("compact", 0.005), ("orchard", 0.005)])
-def test_fast_physics_uses_shorter_steps_for_light_wheels(machine, step_s):
+def test_fast_physics_setting_uses_shorter_steps_for_light_wheels(machine, step_s):
     scenario = load_scenario("straight_line", {"machine": machine, "physics": "fast"})
     assert scenario.step_s == step_s
     assert scenario.changed({"plant.kind": "bicycle"}).step_s == 0.005
 
 
-def test_light_tractor_stays_at_rest_with_fast_physics(capsys):
+def test_light_tractor_stays_at_rest_with_the_fast_physics_setting(capsys):
     """With 5 ms its wheels tremble: 1 mm in 5 s, after a minute without rest."""
     sim = Simulation(load_scenario("straight_line", {**RIDING, "duration_s": 10.0}))
     sim.reset()
@@ -85,7 +85,7 @@ def test_drive_torque_scales_with_mass_and_matches_the_documentation():
 
 
 @pytest.mark.parametrize("torque", [{}, {"driveline.torque_limit_n_m": 3000.0}], ids=["drive", "brake"])
-def test_heavy_tractor_parks_diagonally_on_a_slope(torque, capsys):
+def test_heavy_tractor_stays_parked_diagonally_on_a_slope(torque, capsys):
     slope = {"terrain.grade_deg": 9.0, "terrain.direction_deg": 40.0}
     truth = Loop(similar(load_scenario("uphill"), 8400.0).changed(slope | torque)).truth
     assert max(abs(truth.speed), abs(truth.lateral_speed), abs(truth.yaw_rate)) < 1e-3
@@ -122,7 +122,7 @@ def braked_across(machine, grade_deg, direction_deg):
     return load_scenario("straight_line", {"machine": machine, "terrain": slope, "plant.settle_limit_s": 10.0})
 
 
-def test_message_for_vibrating_braked_wheels_suggests_a_shorter_step(capsys):
+def test_message_for_vibrating_braked_wheels_suggests_a_shorter_time_step(capsys):
     scenario = braked_across("riding", 10, 90)
     Loop(scenario.changed({"physics_dt_s": 0.005}))
     told = capsys.readouterr().err
@@ -137,12 +137,12 @@ def test_braked_wheels_of_a_heavier_machine_do_not_vibrate_at_5_ms(capsys):
     assert capsys.readouterr().err == ""
 
 
-def test_light_machine_vibrating_from_step_to_step_counts_as_at_rest(capsys):
+def test_light_machine_vibrating_between_steps_is_classified_as_at_rest(capsys):
     Loop(load_scenario("straight_line", {"machine": "riding", "physics": "fast"}))
     assert capsys.readouterr().err == ""
 
 
-def test_brake_is_applied_some_time_after_standstill_and_released_at_once():
+def test_brake_is_applied_after_a_delay_and_released_immediately():
     ticks = round(STANDSTILL_S / TICK_S)
     state = BrakeState().after(Command(0.0, 0.0), START, TICK_S)
     assert state.share == 1.0
@@ -159,7 +159,7 @@ def test_brake_is_applied_some_time_after_standstill_and_released_at_once():
     assert state.stands
 
 
-def test_brake_is_applied_while_the_reference_is_at_rest():
+def test_brake_is_applied_while_the_reference_speed_is_zero():
     def share(speed, reference):
         state = BrakeState()
         for _ in range(round(STANDSTILL_S / TICK_S) + 1):
@@ -214,7 +214,7 @@ def test_steering_valve_stays_closed_while_the_brake_holds_the_tractor(law):
     assert log.metrics["braked_drift_m"] < 2e-4
 
 
-def test_wheels_steer_at_standstill_when_a_program_commands_it():
+def test_external_command_steers_the_wheels_at_standstill():
     sim = Simulation("straight_line", {"duration_s": 9.0})
     sim.reset()
     while not sim.done:
@@ -227,14 +227,14 @@ def test_braked_bicycle_stays_at_standstill():
     assert np.ptp(log.column("x")[log.column("t") > 16.0]) < 1e-6
 
 
-def test_brake_without_drive_holds_for_ten_minutes():
+def test_brake_holds_the_tractor_for_ten_minutes_without_drive_torque():
     plant, start = parked(10.0, brake_torque_n_m=1100.0)
     for _ in range(12000):
         truth = plant.advance(BRAKED)
     assert abs(truth.x - start.x) < 2e-4
 
 
-def test_front_wheels_take_their_fraction_of_the_braking_force():
+def test_front_wheels_receive_the_configured_fraction_of_braking_force():
     tractor = TractorParameters()
     torques = Driveline(brake_torque_n_m=800.0, brake_front_share=0.25).brake_torques(tractor)
     radii = np.repeat([tractor.front_wheel_radius_m, tractor.rear_wheel_radius_m], 2)

@@ -42,7 +42,7 @@ def rolling_over(terrain, careful):
 
 
 @pytest.mark.parametrize("terrain", GROUNDS, ids=lambda one: one.kind)
-def test_clearance_test_does_not_change_a_rollover(terrain):
+def test_skipping_contacts_of_a_clear_chassis_does_not_change_a_rollover(terrain):
     places, touched, clear = rolling_over(terrain, careful=False)
     always, touched_too, _ = rolling_over(terrain, careful=True)
     assert clear > 2
@@ -51,7 +51,7 @@ def test_clearance_test_does_not_change_a_rollover(terrain):
 
 
 @pytest.mark.parametrize("terrain", GROUNDS, ids=lambda one: one.kind)
-def test_tractor_classified_as_clear_has_no_contacts(terrain):
+def test_tractor_classified_as_clear_of_the_ground_has_no_body_contacts(terrain):
     """At random attitudes about the height at which the first part touches."""
     plant, rng, found = plant_on(terrain), np.random.default_rng(4), []
     for _ in range(3000):
@@ -66,7 +66,7 @@ def test_tractor_classified_as_clear_has_no_contacts(terrain):
     assert touching.mean() > 0.1
 
 
-def test_upright_tractor_is_classified_as_clear_and_inverted_is_not():
+def test_only_the_upright_tractor_is_classified_as_clear_of_the_ground():
     plant = plant_on(Flat())
     assert is_clear(plant.clearance, plant.data.qpos)
     plant.data.qpos[2:7] = 3.0, 0.0, 1.0, 0.0, 0.0
@@ -75,6 +75,6 @@ def test_upright_tractor_is_classified_as_clear_and_inverted_is_not():
     assert not is_clear(plant.clearance, plant.data.qpos)
 
 
-def test_wheels_touching_the_ground_are_not_classified_as_clear():
+def test_wheels_on_the_ground_are_not_classified_as_clear_of_the_ground():
     plant = plant_on(Flat(), Contact())
     assert not is_clear(plant.clearance, plant.data.qpos)

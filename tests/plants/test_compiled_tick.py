@@ -45,7 +45,7 @@ def placed(yaw=0.0, pitch=0.0, roll=0.0, **machine):
 
 @pytest.mark.parametrize("rate", [0.0, 0.3])
 @pytest.mark.parametrize("side", [1, -1])
-def test_oil_column_deflection_is_limited_by_the_relief_torque(side, rate):
+def test_oil_column_deflection_is_limited_by_the_relief_pressure(side, rate):
     """Torque of the column: stiffness times what its end lies beyond the wheels, less the damping of their rate."""
     plant = placed()
     v, oil = plant.views, plant.oil
@@ -97,7 +97,7 @@ def test_cylinder_at_its_stop_responds_immediately_when_steered_back(side, play_
 
 
 @pytest.mark.parametrize(("cylinder", "column"), [(0.10, 0.10), (0.12, 0.10), (0.15, 0.12), (0.05, 0.08)])
-def test_cylinder_does_not_push_the_wheels_inside_the_backlash(cylinder, column):
+def test_cylinder_exerts_no_torque_on_the_wheels_inside_the_backlash(cylinder, column):
     """Wheels at 0.10 rad, 0.03 rad of play to either side: what is left of the deflection stretches the oil."""
     plant = placed(cylinder=STRONG, linkage=Linkage(backlash_deg=2 * np.degrees(0.03)))
     v = plant.views
@@ -125,11 +125,11 @@ def test_driving_torque_is_limited_by_engine_power(way, speed):
 
 
 @pytest.mark.parametrize("way", [1, -1])
-def test_braking_is_limited_only_by_the_relief_valve(way):
+def test_braking_torque_is_limited_only_by_the_relief_valve(way):
     assert driving(way * 12.0, -way * 5.0) == pytest.approx(-way * 3000.0)
 
 
-def test_drive_torque_uses_the_mean_of_both_driven_wheels():
+def test_drive_torque_depends_on_the_mean_speed_of_both_driven_wheels():
     plant = placed()
     v, oil = plant.views, plant.oil
     v.qpos[v.spins_q], v.qvel[v.spins_v] = (0.3, 0.5), (2.0, 4.0)
@@ -157,13 +157,13 @@ def pushed_against_held_wheels(valve, seconds=2.0, volts=12.0, back_s=0.0):
 
 
 @pytest.mark.parametrize(("volts", "side"), [(12.0, 1), (0.0, -1)])
-def test_blocked_wheels_raise_the_pressure_to_the_relief_pressure(volts, side):
+def test_blocked_steered_wheels_raise_the_pressure_to_relief_pressure(volts, side):
     flow, pressure = pushed_against_held_wheels(Valve(), volts=volts)
     assert pressure == pytest.approx(side * 100.0, rel=0.01)
     assert flow == pytest.approx(side * 12.0)
 
 
-def test_oil_column_releases_immediately_after_a_long_pressure_relief():
+def test_oil_column_torque_reverses_soon_after_a_long_pressure_relief():
     """The relief valve has let the oil off: from 100 bar to none it is 0.09 rad, 0.4 s with the valve's lag."""
     assert pushed_against_held_wheels(Valve(), back_s=0.6)[1] < 0.0
 
@@ -175,7 +175,7 @@ def test_uncompensated_valve_stalls_at_its_supply_pressure():
     assert flow == pytest.approx(0.0, abs=0.5)
 
 
-def test_bristles_of_each_tyre_follow_its_own_contact_velocity():
+def test_bristles_of_each_tyre_follow_the_velocity_of_its_own_contact():
     """One step from rest: the bristles move with the wheels' centres, less what the rims turn.
 
     Rolling of the chassis moves no patch, and its pitching moves a wheel's centre as it turns its rim.
@@ -204,7 +204,7 @@ def test_bristles_of_each_tyre_follow_its_own_contact_velocity():
 
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize(("pitch", "roll"), [(0.0, 0.0), (0.35, 0.0), (0.0, 0.4), (-0.3, -0.5)])
-def test_side_force_is_horizontal_on_a_tilted_chassis(side, pitch, roll):
+def test_external_side_force_on_a_tilted_chassis_is_horizontal(side, pitch, roll):
     yaw, force = 0.7, 500.0
     plant = placed(yaw, pitch, roll)
     loads = no_loads(0.5, 0.4)
@@ -218,7 +218,7 @@ def test_side_force_is_horizontal_on_a_tilted_chassis(side, pitch, roll):
     assert found[3:] == pytest.approx(np.cross(arm, found[:3]), abs=1e-6)
 
 
-def test_side_force_does_not_rotate_an_airborne_tractor():
+def test_external_side_force_does_not_rotate_an_airborne_tractor():
     plant = placed(0.4, 0.2, -0.3)
     plant._apply_conditions(NOMINAL._replace(side_force=800.0))
     plant.loads[CENTRE:HUNG] = plant.model.body_ipos[CHASSIS]
@@ -232,7 +232,7 @@ def test_side_force_does_not_rotate_an_airborne_tractor():
     assert gained == pytest.approx(800.0 * np.array([-sin(0.4), cos(0.4), 0.0]), abs=1.0)
 
 
-def test_side_force_acts_on_the_tractor_but_not_on_its_implement():
+def test_external_side_force_acts_on_the_tractor_but_not_its_implement():
     plant = placed(0.7, 0.2, -0.3, implement=Mounted())
     model, data, loads = plant.model, plant.data, no_loads(0.5, 0.4)
     body = plant.attached.body
@@ -246,7 +246,7 @@ def test_side_force_acts_on_the_tractor_but_not_on_its_implement():
 
 
 @pytest.mark.parametrize("way", [1, -1])
-def test_implement_pull_opposes_the_motion_in_the_chassis_plane(way):
+def test_implement_pull_opposes_hitch_velocity_in_the_chassis_plane(way):
     """Against the velocity of the hitch by finite differences, of a chassis that leans, moves and turns every way."""
     plant, behind, height, pull = placed(0.7, 0.2, -0.3), 0.6, 0.45, 1500.0
     plant.data.qvel[:6] = way * np.array([1.1, 0.8, 0.1, 0.15, -0.1, 0.25])
@@ -292,7 +292,7 @@ def tensor(model):
     return axes @ np.diag(model.body_inertia[CHASSIS]) @ axes.T
 
 
-def test_rotated_principal_inertia_axes_are_unchanged_by_conversion():
+def test_rotated_principal_inertia_axes_are_preserved_in_the_model():
     model = mujoco.MjModel.from_xml_string(LEANING)
     chassis = Chassis(model)
     assert chassis.bare.inertia == pytest.approx(FULL)
@@ -323,7 +323,7 @@ def test_off_centre_payload_rotates_the_principal_inertia_axes():
     assert abs(found[0, 1]) > 10.0
 
 
-def test_removing_mass_reduces_the_inertia():
+def test_removal_of_mass_from_the_chassis_reduces_its_inertia():
     bare = Inertial(400.0, np.array([0.5, 0.0, 0.6]), np.diag([60.0, 180.0, 200.0]))
     less = with_payload(bare, (PointMass(-30.0, 1.2, 0.0, 0.5),))
     assert less.mass == pytest.approx(370.0)
@@ -334,7 +334,7 @@ def test_removing_mass_reduces_the_inertia():
 # --- what the sensors see -----------------------------------------------------------------------------------------
 
 
-def test_attitude_and_velocities_are_correct_for_general_body_motion():
+def test_true_attitude_and_velocities_agree_with_finite_differences():
     """Against finite differences of the sites' places over a short free flight."""
     yaw, pitch, roll = 0.7, 0.2, -0.3
     plant = placed(yaw, pitch, roll)

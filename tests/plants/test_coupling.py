@@ -40,7 +40,7 @@ def weave(plant, ticks=100):
 
 
 @pytest.mark.parametrize("solimp", [(0.9, 0.95, 0.001, 0.5, 2), (0.5, 0.9, 0.003, 0.4, 3), (0.8, 0.8, 0.001, 0.5, 1)])
-def test_closed_form_coupling_agrees_with_the_solver_at_any_linkage_error(solimp):
+def test_closed_form_steering_coupling_agrees_with_the_mujoco_solver(solimp):
     plant, rng = plant_of(Machine(implement=Drawn())), np.random.default_rng(3)
     model, data = plant.model, plant.data
     model.eq_solimp[plant.views.coupling.rows] = solimp
@@ -64,7 +64,7 @@ def test_closed_form_coupling_agrees_with_the_solver_at_any_linkage_error(solimp
 
 
 @pytest.mark.parametrize("machine", [Machine(), Machine(implement=Drawn())], ids=["alone", "drawn"])
-def test_motion_with_the_closed_form_equals_motion_with_the_solver(machine):
+def test_motion_with_closed_form_coupling_equals_motion_with_the_solver(machine):
     plant = plant_of(machine)
     direct = weave(plant)
     assert plant.data.nefc == 0
@@ -83,14 +83,14 @@ def test_motion_with_the_closed_form_equals_motion_with_the_solver(machine):
     ],
     ids=["free", "brake", "friction", "lock"],
 )
-def test_solver_computes_the_coupling_if_other_constraints_are_active(machine, drive, rows):
+def test_solver_computes_coupling_force_if_other_constraints_are_active(machine, drive, rows):
     plant = plant_of(machine)
     plant.step_through(drive)
     assert plant.data.nefc == rows
     assert plant.data.eq_active[plant.views.coupling.rows].all()
 
 
-def test_solver_computes_the_coupling_if_the_axle_is_at_a_stop():
+def test_solver_computes_the_coupling_force_if_the_axle_is_at_a_stop():
     plants = plant_of(), without_closed_form(plant_of())
     for plant in plants:
         plant.step_through(AHEAD)

@@ -102,7 +102,7 @@ def test_payload_on_the_left_loads_left_wheels_and_rolls_the_tractor():
     assert (load[::2].sum() - load[1::2].sum()) * T / 2 == pytest.approx(moment, rel=0.01)
 
 
-def test_cg_and_inertia_with_payload_equal_the_sum():
+def test_cg_and_inertia_with_payload_equal_those_of_both_bodies_combined():
     """Against a model that MuJoCo itself compiles with a point mass on its chassis."""
     under = Under()
     under.plant.chassis.carry((TANK,))
@@ -160,7 +160,7 @@ def test_removal_of_more_mass_than_available_is_rejected(payload, words):
 
 @pytest.mark.parametrize("pull", [1000.0, 2500.0])
 @pytest.mark.parametrize("tyre", [Linear(rolling_resistance=0.05), MagicFormula(), Soil()], ids=lambda t: t.kind)
-def test_drawbar_pull_increases_slip_torque_and_rear_load(tyre, pull):
+def test_drawbar_pull_increases_wheel_slip_drive_torque_and_rear_load(tyre, pull):
     under = Under(NOMINAL._replace(drawbar=pull), tyre)
     trace = under.drive(1.2, 15.0)
     report = trace.wheels[-40:].mean(axis=0)
@@ -187,7 +187,7 @@ def test_drawbar_pull_increases_slip_torque_and_rear_load(tyre, pull):
         assert torque == pytest.approx((pull + tyres.rolling_resistance * TRACTOR.mass_kg * GRAVITY) * r_e, rel=0.02)
 
 
-def test_slip_grows_more_than_proportionally_with_drawbar_pull():
+def test_wheel_slip_grows_more_than_proportionally_with_drawbar_pull():
     slips = []
     for pull in (500.0, 1500.0, 3500.0):
         slips.append(Under(NOMINAL._replace(drawbar=pull)).drive(1.2, 10.0).wheels[-20:].mean(axis=0)[SLIP_RATIO, 2])
@@ -195,7 +195,7 @@ def test_slip_grows_more_than_proportionally_with_drawbar_pull():
     assert (slips[2] - slips[1]) / 2000 > 1.2 * (slips[1] - slips[0]) / 1000
 
 
-def test_implement_pull_resists_motion_in_reverse_too():
+def test_implement_pull_also_opposes_the_motion_in_reverse():
     under = Under(NOMINAL._replace(drawbar=1500.0))
     trace = under.drive(-0.8, 12.0)
     assert trace.mean("speed", 2.0) == pytest.approx(-0.8, rel=0.01)
@@ -215,7 +215,7 @@ def test_parked_tractor_with_implement_does_not_creep(pull, dt):
     assert under.plant.warnings() == 0
 
 
-def test_implement_resistance_vanishes_at_standstill_without_push_back():
+def test_implement_resistance_decays_at_standstill_without_push_back():
     under = Under(NOMINAL._replace(drawbar=1500.0))
     under.drive(1.0, 8.0)
     full = abs(under.plant.loads[AHEAD])
@@ -230,7 +230,7 @@ def test_implement_resistance_vanishes_at_standstill_without_push_back():
     assert abs(under.truth.x - stopped.x) < 0.05
 
 
-def test_pull_above_the_grip_stops_the_tractor_with_spinning_wheels():
+def test_drawbar_pull_above_the_grip_stops_the_tractor_and_wheels_spin():
     under = Under(NOMINAL._replace(drawbar=8000.0), settled=NOMINAL)
     trace = under.drive(1.2, 18.0)  # the last tyres slide after 10 s
     late = trace["x"][-100:]
@@ -251,7 +251,7 @@ def test_hitch_force_in_a_turn_opposes_the_velocity_of_the_hitch(side):
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_crab_angle_under_a_side_force_follows_cornering_stiffness(side):
+def test_crab_angle_under_a_side_force_follows_from_cornering_stiffness(side):
     """The rear axle carries F l_f / L; with heading and steering the weighted mean slip is F / (C_f + C_r)."""
     tyre, wind = Linear(), 600.0
     under = Under(NOMINAL._replace(side_force=side * wind), tyre)
@@ -293,7 +293,7 @@ def test_roll_angle_on_a_soft_rear_tyre_follows_from_its_stiffness():
 
 
 @pytest.mark.parametrize("left", [True, False])
-def test_soft_tyre_pulls_the_tractor_to_its_side(left):
+def test_soft_tyre_pulls_the_tractor_to_the_side_of_the_tyre(left):
     conditions = SOFT_LEFT if left else NOMINAL._replace(tyre_stiffness=(1, 1, 1, 0.4), tyre_rolling=(1, 1, 1, 1.6))
     sound, soft = (Under(c).drive(1.2, 12.0)["yaw"][-1] for c in (NOMINAL, conditions))
     assert abs(sound) < radians(0.01)
@@ -340,7 +340,7 @@ def test_zero_disturbances_leave_the_run_bit_identical(tyre):
 
 
 @pytest.mark.parametrize("tyre", FORCE_TYRES)
-def test_halving_the_step_changes_little_under_all_disturbances(tyre):
+def test_halved_time_step_changes_results_little_under_all_disturbances(tyre):
     rough = SOFT_LEFT._replace(payload=(TANK,), drawbar=900.0, side_force=300.0, grip=0.8)
     coarse, fine = (Under(rough, tyre(), dt=dt).drive(1.2, 6.0, 0.1) for dt in (0.002, 0.001))
     for name, room in (("x", 0.02), ("y", 0.02), ("speed", 0.02), ("yaw", 0.01), ("roll", 0.01)):

@@ -107,7 +107,7 @@ def test_state_of_the_clutches_is_saved_and_restored():
 
 
 @pytest.mark.parametrize("share", [0.3, 0.5])
-def test_motors_split_the_torque_between_the_axles(share):
+def test_axle_motors_split_the_drive_torque_between_the_axles(share):
     plant = plant_of(Driveline(motor_front_share=share), MagicFormula(rolling_resistance=0.0), ROBOT)
     for tick in range(200):
         pedal = NEUTRAL_V + 2.0 if tick < 20 else NEUTRAL_V
@@ -118,7 +118,7 @@ def test_motors_split_the_torque_between_the_axles(share):
     assert forces[0] == pytest.approx(forces[1], rel=0.02)
 
 
-def test_robot_with_axle_motors_turns_as_tightly_as_with_rear_drive():
+def test_axle_motors_and_rear_drive_give_the_same_turning_radius():
     motors, _ = turned(Driveline(motor_front_share=0.5), 35.0)
     none, _ = turned(Driveline(), 35.0)
     assert motors == pytest.approx(none, rel=0.03)

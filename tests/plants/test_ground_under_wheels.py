@@ -76,7 +76,7 @@ def test_torque_of_an_open_differential_is_limited_by_the_wheel_on_ice(tyre):
 # --- MuJoCo's own contact -----------------------------------------------------------------------------------------
 
 
-def test_each_contact_wheel_has_friction_of_its_ground_and_of_faults():
+def test_contact_friction_of_each_wheel_is_ground_times_fault_friction():
     plant, _ = build(icy(1), Contact(friction=0.7))
     hold(plant, REST, 0.1, NOMINAL._replace(grip=0.5))
     found = [plant.model.geom(f"tyre_{wheel}").friction[0] for wheel in ("fl", "fr", "rl", "rr")]
@@ -86,7 +86,7 @@ def test_each_contact_wheel_has_friction_of_its_ground_and_of_faults():
 
 
 @pytest.mark.parametrize("grip", [1.0, 0.4])
-def test_contact_tyre_slides_on_a_slope_steeper_than_its_friction(grip):
+def test_contact_tyre_slides_on_a_slope_steeper_than_its_friction_angle(grip):
     """And reports how much of its friction it uses."""
     plant, _ = build(Slope(grade_deg=15, direction_deg=0).ground(), Contact(friction=0.6))
     day = NOMINAL._replace(grip=grip)  # 0.24 is less than tan(15 deg) = 0.27

@@ -96,7 +96,7 @@ def sink_in(plant, at, depth):
 # --- numbers of the implement -----------------------------------------------------------------------------------------
 
 
-def test_inertia_of_a_box_is_the_sum_of_its_parts():
+def test_inertia_of_a_box_equals_that_of_its_combined_halves():
     """A box cut in two along any axis has the inertia of the halves about their common centre."""
     size, mass = (2.0, 1.2, 0.5), 90.0
     whole = box_inertia(mass, size)
@@ -150,7 +150,7 @@ def test_tool_working_point_and_antenna_are_at_configured_positions():
     assert Mounted().hitched(TRACTOR).depth_wheel.stiffness == 0.0
 
 
-def test_tool_lateral_stiffness_is_converted_from_per_degree():
+def test_tool_lateral_stiffness_per_degree_is_converted_to_per_radian():
     law = Tool(cornering_stiffness_n_deg=150.0).law()
     assert law.cornering * radians(1.0) == pytest.approx(150.0)
     assert law.by_depth == 1.0
@@ -341,7 +341,7 @@ def test_soil_unevenness_is_interpolated_and_periodic():
         assert unevenness(uneven, 0.5, travelled) == pytest.approx(value)
 
 
-def test_worked_distance_counts_both_directions_and_only_in_soil():
+def test_worked_distance_counts_motion_in_both_directions_only_in_soil():
     law, memory = Tool(depth_m=0.1).law(), np.zeros(MEMORIES)
     for v_x, depth in ((1.0, 0.1), (-2.0, 0.05), (3.0, 0.0), (3.0, -0.1)):
         soil_on_tool(law, 1.0, v_x, 0.1, depth, 0.01, memory)
@@ -419,7 +419,7 @@ def test_depth_wheel_too_stiff_for_its_mass_is_rejected(change, told):
         MujocoPlant(Mujoco(settle_s=0.0), Machine(implement=spec), Flat().ground())
 
 
-def test_guidance_receives_length_and_state_and_antenna_of_the_implement():
+def test_guidance_receives_length_state_and_antenna_of_the_implement():
     drawn = Drawn(lowered=True, receiver=True, axle_behind_m=1.9, tool_behind_m=2.4)
     behind = TRACTOR.hitch_behind_m
     assert drawn.towed(TRACTOR) == pytest.approx((behind + 1.9, True, behind + 2.4))

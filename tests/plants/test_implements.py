@@ -55,7 +55,7 @@ def test_loads_of_tractor_wheels_and_depth_wheel_add_up_to_the_weight(implement)
     assert carried == pytest.approx((TRACTOR.mass_kg + implement.mass_kg) * GRAVITY, rel=2e-3)
 
 
-def test_mounted_implement_shifts_load_to_the_rear_as_in_statics():
+def test_load_shift_by_a_mounted_implement_agrees_with_statics():
     plant, _ = plant_with(Mounted(lowered=False))
     weight, behind = Mounted().mass_kg * GRAVITY, B + Mounted().cg_behind_m
     raised = weight * behind / L
@@ -122,7 +122,7 @@ LAW: ToolLaw = Tool(depth_m=0.1, cornering_stiffness_n_deg=120.0, side_limit_n=9
 
 
 @pytest.mark.parametrize("v_x", [0.5, -0.5, 2.0])
-def test_draught_opposes_motion_and_suction_acts_only_when_forward(v_x):
+def test_draught_opposes_motion_and_suction_acts_only_in_forward_motion(v_x):
     (f_x, f_y, f_z), _ = worked(LAW, v_x, 0.0)
     D = draught(LAW, v_x, 0.1)
     assert f_x == pytest.approx(-D if v_x > 0 else D)
@@ -143,14 +143,14 @@ def test_lateral_tool_force_builds_up_over_the_relaxation_length():
     assert f_y / worked(LAW, 1.0, 0.05)[0][1] == pytest.approx(1 - np.exp(-1), abs=0.005)
 
 
-def test_tool_force_is_limited_by_the_soil_and_reset_by_lifting():
+def test_lateral_tool_force_is_limited_by_the_soil_and_reset_by_lifting():
     (_, f_y, _), memory = worked(LAW, 0.5, -0.4)
     assert f_y == pytest.approx(900.0)
     assert soil_on_tool(LAW, 1.0, 0.5, -0.4, -0.01, 0.002, memory) == (0.0, 0.0, 0.0)
     assert memory[:2].tolist() == [0.0, 0.0]
 
 
-def test_tool_at_rest_acts_as_a_spring_limited_by_its_draught():
+def test_tool_at_rest_acts_as_a_spring_with_its_draught_as_force_limit():
     memory, k = np.zeros(MEMORIES), LAW.cornering / LAW.relaxation
     for _ in range(100):
         _, f_y, _ = soil_on_tool(LAW, 1.0, 0.0, 0.01, 0.1, 0.002, memory)
@@ -159,7 +159,7 @@ def test_tool_at_rest_acts_as_a_spring_limited_by_its_draught():
     assert soil_on_tool(LAW, 1.0, 0.0, 0.0, 0.1, 0.002, memory)[0] == pytest.approx(-draught(LAW, 0.0, 0.1))
 
 
-def test_soil_unevenness_has_its_spread_and_length_and_follows_the_seed():
+def test_soil_unevenness_has_configured_spread_and_correlation_length():
     uneven, step = draught_pattern(Unevenness(0.2, 0.5), 3)
     assert uneven.mean() == pytest.approx(1.0, abs=0.02)
     assert uneven.std() == pytest.approx(0.2, abs=0.02)
@@ -175,7 +175,7 @@ def test_off_centre_draught_turns_the_tractor_to_its_side():
     assert yaw_rate < -0.005
 
 
-def test_reversing_wheel_and_jackknife_cause_no_physics_warnings():
+def test_reversing_a_trailer_into_jackknife_causes_no_physics_warnings():
     plant, truth = plant_with(Drawn())
     driver = Driver(plant, truth, -1.0)
     driver.go(12.0, 0.1)
@@ -184,7 +184,7 @@ def test_reversing_wheel_and_jackknife_cause_no_physics_warnings():
     assert plant.warnings() == 0
 
 
-def test_friction_fault_acts_on_the_trailer_but_side_force_does_not():
+def test_friction_fault_but_not_side_force_fault_acts_on_the_trailer():
     plant, _ = plant_with(Drawn())
     plant.advance(REST, NOMINAL._replace(grip=0.4, side_force=100.0))
     assert plant.attached.tyres.grip.tolist() == [0.4, 0.4]
@@ -195,7 +195,7 @@ def test_friction_fault_acts_on_the_trailer_but_side_force_does_not():
     assert arm[0] == pytest.approx(TRACTOR.cg_to_rear_axle, abs=2e-3)
 
 
-def test_soil_pattern_depends_only_on_the_seed():
+def test_draught_pattern_depends_only_on_the_seed():
     pulls = {}
     for seed in (1, 1, 2):
         plant, truth = plant_with(Mounted(), seed=seed)
@@ -241,7 +241,7 @@ def test_antenna_on_the_implement_moves_with_the_implement():
 
 
 @pytest.mark.parametrize("estimator", ["ekf", "ekf_full"])
-def test_estimate_with_a_rigid_implement_refers_to_the_rear_axle(estimator):
+def test_estimate_with_antenna_on_a_rigid_implement_is_of_the_rear_axle(estimator):
     sensors = {f"sensors.{name}.enabled": True for name in ("gyro", "wheel_speed")}
     still = {"sensors.gnss.sigma_m": 0.001, "duration_s": 15.0, "estimator.kind": estimator, **sensors}
     lifted = {"implement.kind": "mounted", "implement.lowered": False, "implement.receiver": True}
@@ -300,7 +300,7 @@ def test_rollover_of_the_trailer_ends_the_run():
     assert log.outcome == "rolled_over"
 
 
-def test_drawbar_at_its_stop_is_reported_as_jackknife():
+def test_drawbar_near_its_stop_ends_the_run_as_jackknifed():
     """Pushed backwards from a degree and a half, a trailer folds; the run ends 2 deg before its stop at 85 deg."""
     plant, _ = plant_with(Drawn())
     hinge = plant.model.joint("hitch_yaw").qposadr[0]

@@ -46,7 +46,7 @@ def test_kingpin_axis_meets_the_ground_inside_and_ahead_of_the_wheel():
 
 
 @pytest.mark.parametrize("kind", ["bicycle", "mujoco"])
-def test_steering_reversal_loses_the_backlash_angle(kind):
+def test_wheel_angle_after_a_steering_reversal_lags_by_the_backlash(kind):
     """Left, then right: 2 deg of play are missing on the way back; friction keeps the wheels from coasting."""
     backlash, found = 2.0, {}
     for play in (0.0, backlash):
@@ -70,7 +70,7 @@ def test_pressure_and_wheel_motion_are_zero_inside_the_backlash():
     assert abs(plant.actuation()[1]) < 1e3
 
 
-def test_backlash_follows_its_definition_in_both_plants():
+def test_wheel_angle_with_backlash_follows_its_definition_in_both_plants():
     """Against the definition: the wheel stays unless the cylinder is more than half the play away."""
     plant, half = plant_of("bicycle", Linkage(backlash_deg=3.0)), radians(1.5)
     plant.reset(ORIGIN)
@@ -86,7 +86,7 @@ def test_backlash_follows_its_definition_in_both_plants():
 
 
 @pytest.mark.parametrize("kind", ["bicycle", "mujoco"])
-def test_restored_run_crosses_the_backlash_identically(kind):
+def test_run_restored_inside_the_backlash_continues_identically(kind):
     changes = {"plant.kind": kind, "steering.linkage.backlash_deg": 1.5, "duration_s": 4.0}
     sim = Simulation("figure_eight", changes)
     sim.reset()
@@ -115,7 +115,7 @@ def test_steering_knuckles_follow_ackermann_geometry():
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_knuckle_sensor_measures_its_wheel_through_its_calibration(side):
+def test_knuckle_sensor_measures_one_wheel_with_its_own_calibration(side):
     fine = {"resolution_deg": 1e-6, "noise_sigma_deg": 0.0}
     plant = plant_of("bicycle", Linkage())
     plant.reset(ORIGIN)
@@ -135,7 +135,7 @@ def test_knuckle_sensor_measures_its_wheel_through_its_calibration(side):
     assert readings[1] - readings[0] == pytest.approx(2.0 * (wheel / 45) ** 2 - 3.0 * (wheel / 45) ** 3, abs=0.02)
 
 
-def test_potentiometer_has_one_scale_on_each_side_of_its_centre():
+def test_potentiometer_has_a_separate_scale_on_each_side_of_its_centre():
     pot = SteeringPotentiometer(centre_deg=2.0, scale_left=0.8, scale_right=1.25)
     seen = np.degrees(pot.characteristic(np.radians([-20.0, 0.0, 10.0])))
     assert seen == pytest.approx([-23.0, 2.0, 10.0])

@@ -105,7 +105,7 @@ def test_steering_knuckles_follow_ackermann_geometry():
         ({"roll_inertia_kg_m2": 900.0}, "inertia"),
     ],
 )
-def test_impossible_tractor_is_rejected(change, message):
+def test_tractor_with_impossible_parameters_is_rejected(change, message):
     with pytest.raises(ValueError, match=message):
         written(TractorParameters(**change))
 
@@ -139,7 +139,7 @@ def test_tractor_in_the_scene_file_responds_to_the_viewer_sliders():
     assert not any(warning.number for warning in data.warning)
 
 
-def test_the_scene_has_cameras_an_initial_pose_and_a_large_framebuffer():
+def test_scene_file_has_cameras_an_initial_pose_and_a_framebuffer_size():
     model = mujoco.MjModel.from_xml_path(str(MODELS / "scene.xml"))
     assert {model.camera(i).name for i in range(model.ncam)} == {"three_quarter", "side", "rear", "above"}
     assert (model.vis.global_.offwidth, model.vis.global_.offheight) == (1920, 1080)

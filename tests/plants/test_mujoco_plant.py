@@ -261,7 +261,7 @@ def test_tractor_on_contact_tyres_drives_and_turns():
 # --- steering -----------------------------------------------------------------------------------------------------
 
 
-def test_wheels_follow_a_rigid_cylinder_except_for_oil_compliance():
+def test_wheels_follow_an_ideal_cylinder_to_within_the_oil_compliance():
     times = 0.05 * np.arange(200)
     voltages = NEUTRAL_V + 2.5 * np.sin(times) - 1.0 * (times > 3)
     rigid = rigid_angle(voltages)
@@ -289,13 +289,13 @@ def test_steering_stops_at_its_limit_and_does_not_wind_up(side):
 
 
 @pytest.mark.parametrize("torque", [100.0, -170.0])
-def test_oil_acts_on_the_wheels_as_a_spring_below_relief_pressure(torque):
+def test_oil_column_acts_as_a_spring_below_the_relief_pressure(torque):
     plant, _ = linear()
     plant.data.qfrc_applied[plant.model.joint("steer").dofadr[0]] = torque
     assert rest(plant, 3.0).steer == pytest.approx(torque / COLUMN.stiffness, rel=0.05)
 
 
-def test_wheels_turn_under_load_above_the_relief_pressure():
+def test_wheels_are_turned_by_loads_above_the_relief_pressure():
     plant, _ = linear()
     dof = plant.model.joint("steer").dofadr[0]
     plant.data.qfrc_applied[dof] = 1.3 * COLUMN.relief_torque
@@ -384,7 +384,7 @@ def test_halving_the_physics_time_step_changes_results_little(tyre):
 
 
 @pytest.mark.parametrize("tyre", FORCE_TYRES)
-def test_machine_is_stable_with_a_time_step_of_5_ms(tyre):
+def test_simulation_is_stable_with_a_time_step_of_5_ms(tyre):
     coarse, fine = manoeuvre(tyre(), 0.005), manoeuvre(tyre(), 0.002)
     assert np.abs(coarse[:60, 1]).max() < 1e-3
     assert np.abs(coarse[:, :2] - fine[:, :2]).max() < 0.1
@@ -460,7 +460,7 @@ answers = [run(tyre()) for tyre in every(Tyre) if tyre().judged]
 """
 
 
-def test_uncompiled_tick_equals_the_compiled_kernel(tmp_path):
+def test_tick_in_plain_python_equals_the_compiled_kernel(tmp_path):
     here = {}
     exec(UNCOMPILED, here)
     script = UNCOMPILED + "print(json.dumps([numba.config.DISABLE_JIT, answers]))"

@@ -50,7 +50,7 @@ def test_body_template_gives_the_default_parameters():
 
 
 @pytest.mark.parametrize("scenario", ["figure_eight", "side_slope_10"])
-def test_run_with_the_body_template_agrees_with_default_tractor(scenario):
+def test_run_with_the_body_template_agrees_with_the_default_tractor(scenario):
     """Not identical: masses are rounded to nine digits, and 0.5 kg of the crank belong to the axle.
 
     The gains are the paper's: those of a faster network make more of the difference.
@@ -62,7 +62,7 @@ def test_run_with_the_body_template_agrees_with_default_tractor(scenario):
     assert np.abs(load).max() < 20.0
 
 
-def test_default_model_file_is_a_valid_body_file(tmp_path):
+def test_model_file_of_the_default_tractor_is_a_valid_body_file(tmp_path):
     """With actuators, couplings, crank and differentials of its own, which are left out or replaced."""
     text = re.sub(r".*<include.*\n", "", TRACTOR.read_text(encoding="utf-8"))
     (tmp_path / "tractor.xml").write_text(text, encoding="utf-8")
@@ -71,7 +71,7 @@ def test_default_model_file_is_a_valid_body_file(tmp_path):
     assert np.abs(mine.column("y") - default.column("y")).max() < 1e-3
 
 
-def test_masses_from_geoms_are_kept_when_the_geoms_are_removed(tmp_path):
+def test_masses_computed_from_geoms_are_kept_when_geoms_are_removed(tmp_path):
     box = '<geom name="load" type="box" size="0.2 0.2 0.1" pos="0.2 0 0.9" mass="100"/>\n'
     path = variant(tmp_path, ('<geom name="hood_contact"', f'<body name="rack">{box}</body><geom name="hood_contact"'))
     found = measures(str(path), {})
@@ -88,7 +88,7 @@ def test_masses_from_geoms_are_kept_when_the_geoms_are_removed(tmp_path):
     assert "hood" not in {geom.name for geom in log.scene.geoms}
 
 
-def test_body_in_radians_or_without_pivot_is_accepted(tmp_path):
+def test_body_file_in_radians_or_without_an_axle_pivot_is_accepted(tmp_path):
     path = variant(
         tmp_path,
         ('angle="degree"', 'angle="radian"'),
@@ -104,7 +104,7 @@ def test_body_in_radians_or_without_pivot_is_accepted(tmp_path):
     assert log.column("load_rl")[-1] == pytest.approx(default.column("load_rl")[-1], rel=0.02)
 
 
-def test_mesh_next_to_the_body_file_is_drawn_and_copied(tmp_path):
+def test_mesh_file_next_to_the_body_file_is_drawn_and_copied(tmp_path):
     (tmp_path / "shed.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
     asset = '<asset><mesh name="shed" file="shed.obj"/></asset>\n\n  <worldbody>'
     shed = '<geom name="shed" type="mesh" mesh="shed" pos="0 0 1"/>\n      <geom name="hood_contact"'
@@ -148,7 +148,7 @@ def test_error_for_an_impossible_tyre_does_not_name_the_body_file(tmp_path):
     assert "mine.xml" not in str(error.value)
 
 
-def test_all_missing_quantities_of_a_body_are_reported_together(tmp_path):
+def test_all_missing_quantities_of_a_body_file_are_reported_together(tmp_path):
     path = variant(tmp_path, ('"spin_rl"', '"left"'), ('"tyre_fr"', '"rubber"'), ('"steer_fl"', '"kingpin"'))
     message = refused(path)
     for missing in ("joint 'spin_rl'", "geom 'tyre_fr'", "joint 'steer_fl'"):
@@ -203,7 +203,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_error_for_an_invalid_body_names_the_faulty_part(case, tmp_path):
+def test_error_for_an_invalid_body_file_names_the_faulty_part(case, tmp_path):
     changes, expected = WRONG[case]
     assert expected in refused(variant(tmp_path, *changes))
 
@@ -227,7 +227,7 @@ def test_file_that_is_not_mjcf_is_rejected(content, expected, tmp_path):
     assert expected in refused(path)
 
 
-def test_folders_devices_loops_and_wrong_types_as_body_are_rejected(tmp_path):
+def test_unusable_body_file_paths_are_rejected_with_a_reason(tmp_path):
     assert "is a folder" in refused(tmp_path)
     assert "no such file" in refused(tmp_path / "none.xml")
     (tmp_path / "device.xml").symlink_to("/dev/zero")
@@ -238,7 +238,7 @@ def test_folders_devices_loops_and_wrong_types_as_body_are_rejected(tmp_path):
     assert "includes or attaches itself" in refused(loop)
 
 
-def test_command_with_an_invalid_body_reports_it_and_writes_no_files(tmp_path, call):
+def test_command_with_an_invalid_body_file_reports_it_and_writes_nothing(tmp_path, call):
     path = variant(tmp_path, ('"steer_fl"', '"kingpin"'))
     (tmp_path / "s.toml").write_text(tomli_w.dumps({"tractor": {"mjcf": path.name}}), encoding="utf-8")
     status, _, told = call("run", str(tmp_path / "s.toml"), "--out", str(tmp_path / "out"))
@@ -248,7 +248,7 @@ def test_command_with_an_invalid_body_reports_it_and_writes_no_files(tmp_path, c
     assert not (tmp_path / "out").exists()
 
 
-def test_keys_that_conflict_with_kingpins_or_stops_are_rejected(tmp_path):
+def test_keys_that_conflict_with_kingpins_or_steering_stops_are_rejected(tmp_path):
     narrow = variant(tmp_path, ('range="-70 70"', 'range="-50 50"'))
     with pytest.raises(ScenarioError, match=r"tractor\.steer_limit_deg: joint 'steer_fl' of the body stops at 50\.0"):
         driven("straight_line", 1.0, **{"tractor.mjcf": str(narrow)})

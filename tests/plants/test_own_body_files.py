@@ -60,7 +60,7 @@ def test_files_of_a_body_equal_the_dependencies_listed_by_mujoco(tmp_path):
     assert len(others) == 7
 
 
-def test_run_folder_contains_all_files_and_runs_elsewhere(tmp_path, call, monkeypatch):
+def test_results_folder_contains_all_body_files_and_runs_elsewhere(tmp_path, call, monkeypatch):
     body = layered(tmp_path / "there" / "body")
     (tmp_path / "there" / "machine.toml").write_text('[tractor]\nmjcf = "body/mine.xml"\n', encoding="utf-8")
     text = 'machine = "machine.toml"\nduration_s = 0.3\n[path]\nkind = "line"\n'
@@ -91,7 +91,7 @@ def test_change_of_an_indirectly_included_body_file_changes_the_hash(tmp_path):
     assert scenario.hash8 != before
 
 
-def test_bodies_with_different_files_of_the_same_name_are_rejected(tmp_path):
+def test_two_bodies_with_different_files_of_the_same_name_are_rejected(tmp_path):
     bodies = [write(tmp_path / side, mesh("crate"), crate__obj=WEDGE) for side in ("left", "right")]
     data = [{"mjcf": str(body)} for body in bodies]
     with pytest.raises(ScenarioError, match=r"right.crate\.obj: has the same name as .*left.crate\.obj.*rename one"):
@@ -162,7 +162,7 @@ def test_element_limit_counts_replicates_and_attached_models(tmp_path):
             own_files(str(write(tmp_path, assets, on_chassis, **others)))
 
 
-def test_every_declared_xml_encoding_is_read(tmp_path):
+def test_body_files_in_every_declared_xml_encoding_are_read(tmp_path):
     text = '<?xml version="1.0" encoding="utf-16"?><mujoco><compiler meshdir="/srv"/></mujoco>'
     (tmp_path / "mine.xml").write_bytes(text.encode("utf-16"))
     with pytest.raises(ValueError, match="<compiler meshdir>"):

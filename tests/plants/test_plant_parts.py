@@ -18,7 +18,7 @@ def standing(settle_s=0.0):
     return plant
 
 
-def test_conditions_act_on_tyres_loads_and_valve_until_removed():
+def test_fault_conditions_act_on_tyres_loads_and_valve_until_removed():
     plant = standing()
     stiffness, rolling = (0.9, 0.8, 0.7, 0.6), (1.1, 1.2, 1.3, 1.4)
     there = NOMINAL._replace(
@@ -41,7 +41,7 @@ def test_conditions_act_on_tyres_loads_and_valve_until_removed():
     assert plant.actuators.valve == flow
 
 
-def test_reset_clears_valve_drive_tyres_loads_and_cylinder():
+def test_reset_restores_valve_driveline_tyres_loads_and_cylinder():
     driven, fresh = standing(), standing()
     for _ in range(10):
         driven.advance(Drive(9.0, 9.0), NOMINAL._replace(drawbar=500.0))
@@ -58,6 +58,6 @@ def test_reset_clears_valve_drive_tyres_loads_and_cylinder():
     assert driven.ticks == 0
 
 
-def test_tractor_that_settles_prints_no_message(capsys):
+def test_settling_prints_no_message_if_the_tractor_comes_to_rest(capsys):
     standing(settle_s=3.0)
     assert capsys.readouterr() == ("", "")

@@ -62,7 +62,7 @@ def test_tractor_on_level_ground_settles_in_the_configured_time(monkeypatch):
     assert plant.data.time == pytest.approx(3.0)
 
 
-def test_tractor_sliding_at_the_start_is_reported_and_the_run_starts(capsys):
+def test_tractor_still_sliding_at_the_start_is_reported_but_run_starts(capsys):
     slippery = Slope(grade_deg=15).ground()._replace(surface=Surface(-50.0, -50.0, 100.0, np.array([[0.3]]), ZERO))
     plant = MujocoPlant(Mujoco(settle_limit_s=4.0), Machine(), slippery)
     truth = plant.reset(START)
@@ -77,7 +77,7 @@ def test_tractor_on_contact_tyres_starts_at_rest_on_a_slope(capsys):
 
 
 @pytest.mark.parametrize("direction_deg", [0.0, 57.0, 90.0, 200.0])
-def test_gravity_rotates_from_the_ground_normal_to_vertical_at_start(direction_deg):
+def test_gravity_rotates_from_ground_normal_to_vertical_while_settling(direction_deg):
     slope = Slope(grade_deg=20, direction_deg=direction_deg)
     rotation, _ = pose_on(slope.ground(), START, Machine().tractor)
     up = np.zeros(9)
