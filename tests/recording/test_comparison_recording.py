@@ -43,7 +43,7 @@ def test_network_contribution_is_recorded_only_with_a_network(compared):
     np.testing.assert_allclose(np.ravel(values), -logs["mujoco-pd_t2fnn"].column("tau_n") * 180 / np.pi, rtol=1e-14)
 
 
-def test_tractors_follow_their_logs_in_separate_colours(compared):
+def test_tractors_move_as_logged_and_have_separate_colours(compared):
     recorded, logs = compared
     for name, log in logs.items():
         times, places = recorded.column(f"/world/{name}/chassis", "Transform3D:translation")
@@ -72,7 +72,7 @@ def test_tracks_of_compared_runs_are_drawn_at_different_heights(compared):
     assert np.diff(np.abs(radii)) < 0, "a lower track shows on both sides of an upper one"
 
 
-def test_every_later_run_has_its_difference_from_the_first_run(compared):
+def test_difference_of_every_later_run_from_the_first_is_plotted(compared):
     recorded, logs = compared
     first, other = (np.ravel(recorded.column(f"/plots/cross_track/{name}", "Scalars:scalars")[1]) for name in logs)
     _, values = recorded.column("/plots/difference/mujoco-pd_t2fnn", "Scalars:scalars")
@@ -80,7 +80,7 @@ def test_every_later_run_has_its_difference_from_the_first_run(compared):
     assert "/plots/difference/bicycle-pd" not in recorded.entities()
 
 
-def test_each_tractor_is_labelled_with_its_name(compared):
+def test_each_tractor_is_labelled_with_the_name_of_its_run(compared):
     recorded, logs = compared
     heights = []
     for name, log in logs.items():
@@ -95,7 +95,7 @@ def test_each_tractor_is_labelled_with_its_name(compared):
     assert heights[1] - heights[0] > 0.15, "names of tractors at one place are apart"
 
 
-def test_ground_is_drawn_once_and_the_text_explains_the_colours(compared):
+def test_ground_is_drawn_once_and_text_explains_the_run_colours(compared):
     recorded, logs = compared
     assert "/world/ground" in recorded.entities()
     info = recorded.static("/info", "TextDocument:text")[0]

@@ -18,7 +18,7 @@ def test_complete_recording_is_opened_without_repair(eight, capsys):
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
 @pytest.mark.parametrize("share", [0.4, 0.63, 0.9])
-def test_recording_cut_within_a_chunk_opens_up_to_that_chunk(eight, tmp_path, capsys, share):
+def test_recording_truncated_within_a_chunk_is_readable_up_to_this_chunk(eight, tmp_path, capsys, share):
     content = eight.path.read_bytes()
     cut = tmp_path / "cut.rrd"
     cut.write_bytes(content[: int(share * len(content))])

@@ -77,7 +77,7 @@ def verify(path):
     assert done.returncode == 0, done.stderr
 
 
-def test_rerun_verifies_the_recording(eight):
+def test_recording_passes_the_verification_of_rerun(eight):
     verify(eight.path)
 
 
@@ -110,7 +110,7 @@ def test_recording_contains_the_metrics_of_the_run(eight):
     assert f"| nn_share | {metrics['nn_share'][0]:.4g} |" in table
 
 
-def test_pass_to_pass_accuracy_and_expected_outcome_are_shown(tmp_path):
+def test_recording_shows_pass_to_pass_accuracy_and_expected_outcome(tmp_path):
     path = tmp_path / "run.rrd"
     scenario = load_scenario("one_hectare", {"duration_s": 190, "plant.kind": "bicycle"})
     log = run(scenario.model_copy(update={"expected_outcome": "stuck"}), (Recording(path),))
@@ -138,7 +138,7 @@ def test_recording_of_an_aborted_run_is_complete_up_to_its_end(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
-def test_recording_of_a_killed_run_contains_data_written_before(tmp_path):
+def test_recording_of_a_killed_run_contains_the_data_before_the_kill(tmp_path):
     path = tmp_path / "run.rrd"
     done = program(tmp_path, KILLED, path)
     assert done.returncode == -9, done.stderr
@@ -182,7 +182,7 @@ def test_kill_9_in_mid_run_leaves_the_signals_up_to_the_last_flush(tmp_path, ext
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
-def test_recording_on_a_full_disk_opens_and_the_run_continues(tmp_path):
+def test_recording_on_a_full_disk_is_readable_and_the_run_continues(tmp_path):
     path = tmp_path / "run.rrd"
     done = program(tmp_path, CRAMPED, path)
     assert (done.returncode, done.stdout) == (0, "completed\n"), done.stderr
@@ -192,7 +192,7 @@ def test_recording_on_a_full_disk_opens_and_the_run_continues(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
-def test_recording_without_space_for_its_footer_opens(tmp_path):
+def test_recording_without_disk_space_for_its_footer_is_readable(tmp_path):
     run(load_scenario("straight_line", {"duration_s": 40}), (Recording(tmp_path / "whole.rrd"),))
     whole = (tmp_path / "whole.rrd").stat().st_size
     path = tmp_path / "run.rrd"
@@ -203,7 +203,7 @@ def test_recording_without_space_for_its_footer_opens(tmp_path):
     assert len(Recorded(path).column("/plots/tracking/error", "Scalars:scalars")[0]) >= 600
 
 
-def test_recording_without_space_for_the_scene_fails_at_once(tmp_path):
+def test_recording_without_disk_space_for_the_scene_fails_at_once(tmp_path):
     limits = [20_000, 50_000, 80_000]
     done = program(tmp_path, ROOMLESS, tmp_path, *map(str, limits))
     assert done.returncode == 0, done.stderr
@@ -212,7 +212,7 @@ def test_recording_without_space_for_the_scene_fails_at_once(tmp_path):
         assert not (tmp_path / str(limit)).exists()
 
 
-def test_error_that_ends_a_run_is_recorded(short, tmp_path, monkeypatch):
+def test_error_message_that_ends_a_run_is_in_the_recording(short, tmp_path, monkeypatch):
     monkeypatch.setattr(importlib.import_module("agrobot_mj.simulation.run"), "CHUNK_TICKS", 200)
 
     class Failing(Recording):
@@ -232,7 +232,7 @@ def test_error_that_ends_a_run_is_recorded(short, tmp_path, monkeypatch):
     verify(path)
 
 
-def test_slow_run_is_flushed_to_the_recording_by_wall_time(monkeypatch, tmp_path):
+def test_recording_of_a_slow_run_is_flushed_at_wall_time_intervals(monkeypatch, tmp_path):
     whole_runs = importlib.import_module("agrobot_mj.simulation.run")
 
     told = []
@@ -250,7 +250,7 @@ def test_slow_run_is_flushed_to_the_recording_by_wall_time(monkeypatch, tmp_path
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
-def test_recording_of_the_previous_rerun_version_opens():
+def test_recording_of_the_previous_rerun_version_is_readable():
     path = Path(__file__).parent / "data" / "written_by_0_40.rrd"
     recorded = Recorded(path)
     times, values = recorded.column("/plots/tracking/error", "Scalars:scalars")
@@ -263,14 +263,14 @@ def test_recording_of_the_previous_rerun_version_opens():
     verify(path)
 
 
-def test_a_diverged_run_is_recorded_to_its_last_position(short, tmp_path):
+def test_recording_of_a_diverged_run_ends_at_its_last_position(short, tmp_path):
     short.rows.values[-3:, short.rows.columns.index("x")] = np.nan
     recorded = replay(short, tmp_path / "run.rrd")
     assert len(recorded.column("/world/bodies/chassis", "Transform3D:translation")[0]) == len(short.column("t")) - 3
     assert len(recorded.column("/plots/speed/loop", "Scalars:scalars")[0]) == len(short.column("t"))
 
 
-def test_a_second_run_replaces_the_first_recording(short, tmp_path):
+def test_recording_of_a_second_run_replaces_the_first_recording(short, tmp_path):
     ids = []
     for _ in range(2):
         replay(short, tmp_path / "run.rrd")

@@ -55,7 +55,7 @@ def test_plot_of_the_required_height_shows_three_tick_labels(span):
     assert high - low < 1.8 * span
 
 
-def test_rare_outliers_are_clipped_only_on_plots_that_allow_it():
+def test_rare_outliers_are_clipped_only_on_plots_that_permit_clipping():
     values = np.r_[np.full(95, 50.0), np.full(4, 5000.0), 20.0, np.nan]
     assert value_range(values) == (20.0, 5000.0, None)
     assert value_range(values, may_be_cut=True) == (20.0, 75.0, 5000.0)
@@ -86,7 +86,7 @@ def test_legend_is_in_the_corner_where_it_covers_least():
     assert free_corner(along, np.full((200, 1), np.nan), values, (0.2, 0.3))[0] is Corner2D.RightTop
 
 
-def test_legend_gets_space_if_it_would_cover_curves():
+def test_axis_range_leaves_space_for_a_legend_that_would_cover_curves():
     t = np.linspace(0.0, 100.0, 200)
     both = np.column_stack([np.sin(t), np.cos(t)])
     plot = Plot("own", "Own", "m", (Series("total", "a", 0), Series("PD tau_c", "b", 0)))

@@ -32,7 +32,7 @@ def lane(recorded, path):
     return [(int(tick), state) for tick, (state,) in zip(times // 50_000_000, states, strict=True)]
 
 
-def test_markers_show_where_and_when_faults_begin_and_end(faulty):
+def test_fault_markers_show_where_and_when_faults_begin_and_end(faulty):
     found = [(tick, label) for tick, label, _ in marks(faulty) if "limit" not in label]
     assert found == [
         *[(80, "GNSS loss begins"), (120, "GNSS loss ends"), (160, "friction begins")],
@@ -63,7 +63,7 @@ def test_fault_active_from_the_start_is_marked(tmp_path):
     assert [(tick, label) for tick, label, _ in marks(Recorded(path))] == [(0, "GNSS loss begins")]
 
 
-def test_the_steering_limit_is_marked_once_per_event(short, tmp_path):
+def test_steering_at_its_limit_is_marked_once_per_event(short, tmp_path):
     saturated = short.column("steer_saturated")
     saturated[:] = 0
     saturated[[30, 31, 60, 90]] = 1  # never free for two seconds

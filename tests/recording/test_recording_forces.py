@@ -22,7 +22,7 @@ def report(log, quantity):
     return np.stack([log.column(f"{quantity}_{wheel}") for wheel in WHEELS], axis=1)
 
 
-def test_drawn_contact_patches_and_frames_equal_the_tyre_contacts():
+def test_drawn_contact_patches_and_frames_equal_those_of_the_tyre_model():
     rng = np.random.default_rng(4)
     ground = plane(0.1, -0.2, 50.0)
     quaternions = rng.normal(size=(6, 4, 4)) * 0.15 + [1.0, 0, 0, 0]
@@ -95,7 +95,7 @@ def test_force_arrow_length_is_relative_to_the_machine_weight(short):
         np.testing.assert_allclose(large[k], small[k] * 2.0 * 750.0 / 6000.0)
 
 
-def test_arrow_colours_show_the_friction_use(short, tmp_path):
+def test_force_arrow_colours_show_the_fraction_of_friction_in_use(short, tmp_path):
     for i, wheel in enumerate(WHEELS):
         short.column(f"friction_use_{wheel}")[:] = [0.0, 0.97, 0.6, np.nan][i]
     _, colours = replay(short, tmp_path / "run.rrd").column("/world/forces/ground", "Arrows3D:colors")
@@ -124,7 +124,7 @@ def test_tyre_marks_are_drawn_behind_the_wheels(eight):
     assert np.abs(areas).sum() == pytest.approx((0.16 + 0.24) * 2 * travelled, rel=0.05)
 
 
-def test_tyre_marks_show_slip_and_loss_of_contact(short, tmp_path):
+def test_tyre_marks_show_wheel_slip_and_loss_of_contact(short, tmp_path):
     short.column("slip_ratio_rl")[:], short.column("slip_angle_rl")[:] = 0.3, 0.0
     short.column("slip_ratio_rr")[:], short.column("slip_angle_rr")[:] = 0.0, 0.0
     short.column("load_fl")[:] = 0.0

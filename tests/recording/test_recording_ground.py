@@ -58,7 +58,7 @@ def test_plane_is_drawn_as_a_coarse_checkerboard():
     assert 3 < steps.max() < 30  # neighbours differ, calmly
 
 
-def test_mesh_of_level_ground_has_two_colours_and_is_small():
+def test_mesh_of_level_ground_has_two_colours_and_few_triangles():
     mesh = Mesh(plane(0.0, 0.0, 500.0))
     low, high = PATH.min(axis=0) - MARGIN_M + 1, PATH.max(axis=0) + MARGIN_M - 1
     near = ((mesh.a[:, :2] > low) & (mesh.a[:, :2] < high)).all(axis=1)
@@ -132,7 +132,7 @@ def test_ground_patches_have_separate_colours_and_sharp_borders():
     assert bluish[:, 0].max() == pytest.approx(5.0, abs=0.26)
 
 
-def test_patch_borders_blend_smoothly():
+def test_colours_blend_smoothly_at_ground_patch_borders():
     """Along an oblique border the colours change as a straight border does: none of the cells of the grid shows."""
     cells = (np.arange(160) + 0.5) * 0.25 - 20
     x, y = np.meshgrid(cells, cells)
@@ -149,7 +149,7 @@ def test_patch_borders_blend_smoothly():
     assert np.corrcoef(across[between], blue[between])[0, 1] < -0.9
 
 
-def test_slopes_are_shaded_and_furrow_meshes_are_fine_only_across():
+def test_slopes_are_shaded_and_furrow_mesh_is_fine_only_across_furrows():
     facing, averted = (Mesh(Slope(grade_deg=12, direction_deg=d, half_size_m=30).ground()) for d in (-45, 135))
     assert facing.colours.mean() > 1.1 * averted.colours.mean(), "light from the north-west"
     mesh = Mesh(furrows())

@@ -64,7 +64,7 @@ def test_drawn_shapes_have_the_sizes_of_the_mujoco_geoms():
     np.testing.assert_allclose(np.add(start, 0.2 * along), place, atol=1e-6)
 
 
-def test_mesh_is_positioned_and_the_camera_follows_it():
+def test_body_mesh_is_drawn_at_its_pose_and_followed_by_the_camera():
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
     surface = Mesh(corners, np.array([[0, 1, 2]]))
     quarter = (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
@@ -79,7 +79,7 @@ def test_mesh_is_positioned_and_the_camera_follows_it():
 
 
 @pytest.mark.parametrize(("track", "x", "y"), [("true", "x", "y"), ("estimated", "x_hat", "y_hat")])
-def test_track_segments_are_connected_and_end_at_the_current_tick(eight, track, x, y):
+def test_drawn_track_segments_are_connected_up_to_the_current_tick(eight, track, x, y):
     times, pieces = eight.column(f"/world/tracks/{track}", "LineStrips3D:strips")
     path = np.column_stack([eight.log.column(x), eight.log.column(y)]).astype(np.float32)
     ticks, begins = times // 50_000_000, 0
@@ -111,7 +111,7 @@ def test_drawn_reference_covers_the_whole_path(eight):
     np.testing.assert_allclose(np.array(line)[[0, -1], :2], ends, atol=1e-5)
 
 
-def test_drawn_ground_heights_equal_the_heights_in_wheel_contact():
+def test_drawn_ground_heights_equal_those_used_for_wheel_contact():
     rng = np.random.default_rng(3)
     ground = Ground(-2.0, -3.0, 0.5, rng.normal(size=(13, 9)))
     x, y = rng.uniform(-4, 4, size=(2, 500))
@@ -123,7 +123,7 @@ def test_layout_without_plots_is_valid():
     blueprint(Shown([]), np.zeros((1, 3)), 0.0, 1.0)
 
 
-def test_plots_are_tiled_without_empty_cells():
+def test_plot_layout_is_tiled_without_empty_cells():
     for count in range(1, 14):
         views = [TextDocumentView(origin=f"{i}") for i in range(count)]
         rows = tiled(views, "Tab").contents

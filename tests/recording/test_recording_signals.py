@@ -55,7 +55,7 @@ def test_plotted_values_equal_the_signal_table(eight, worn, signals, plot):
         check_plot(worn, {name: worn.log.column(name) for name in worn.log.rows.columns}, plot)
 
 
-def test_plotted_command_is_the_sum_of_its_plotted_parts(eight):
+def test_plotted_steering_command_is_the_sum_of_its_plotted_parts(eight):
     _, values = scalars(eight, "control/command")
     total, pd, network = values.T / DEG
     np.testing.assert_allclose(total, eight.log.column("steer_ref"), rtol=1e-14)
@@ -72,7 +72,7 @@ def test_plotted_command_is_the_sum_of_its_plotted_parts(eight):
         ("yaw", DEG, "yaw_hat", "yaw", "p_yaw"),
     ],
 )
-def test_estimates_lie_between_their_plotted_bounds(eight, path, factor, estimate, truth, variance):
+def test_plotted_estimates_lie_between_their_plotted_bounds(eight, path, factor, estimate, truth, variance):
     column = eight.log.column
     _, values = scalars(eight, f"estimator/{path}")
     upper, lower, error = values.T / factor
@@ -123,7 +123,7 @@ def test_heat_maps_show_the_firing_strengths_with_values(eight, bound):
     assert (shape["height"], shape["width"]) == (3, 3)
 
 
-def test_network_of_another_size_is_plotted(tmp_path):
+def test_parameters_of_a_network_of_another_size_are_plotted(tmp_path):
     sizes = {"controller.network.rules_1": 2, "controller.network.rules_2": 11}
     path = tmp_path / "run.rrd"
     run(load_scenario("straight_line", {"duration_s": 1, **sizes}), (Recording(path),))
@@ -136,7 +136,7 @@ def test_network_of_another_size_is_plotted(tmp_path):
     assert len(names(recorded, "network/centres_2")) == 11
 
 
-def test_every_plot_is_on_a_tab(eight):
+def test_every_plot_is_on_a_tab_of_the_recording(eight):
     recorded = {path.removeprefix("/plots/") for path in eight.entities() if path.startswith("/plots/")}
     tabs = *sum(TABS.values(), ()), *sum(COMPANIONS.values(), ())
     assert [path for path in recorded if not path.startswith((*DRIVE, *tabs))] == []
@@ -152,7 +152,7 @@ def test_every_plot_is_on_a_tab(eight):
         ({}, {"Control", "Network"}, set()),
     ],
 )
-def test_tab_exists_if_any_of_its_plots_exists(monkeypatch, tmp_path, keys, present, absent):
+def test_recording_tab_exists_if_any_of_its_plots_exists(monkeypatch, tmp_path, keys, present, absent):
     layouts = []
     monkeypatch.setattr(recorder, "blueprint", lambda *a: layouts.append(blueprint(*a)) or layouts[-1])
     scenario = load_scenario("straight_line", {"duration_s": 1, **keys})
@@ -162,7 +162,7 @@ def test_tab_exists_if_any_of_its_plots_exists(monkeypatch, tmp_path, keys, pres
     assert not tabs & absent
 
 
-def test_many_plots_are_distributed_over_several_tabs():
+def test_plots_that_exceed_one_tab_are_distributed_over_several():
     plots = reported_plots([Column(f"own_{k}", "m", "a signal; null without a tool") for k in range(29)], ())
     layout = blueprint(Shown(plots), np.zeros((2, 3)), 0.0, 10.0)
     more = {tab.name: tab for tab in layout.root_container.contents if tab.name.startswith("More")}
@@ -181,7 +181,7 @@ def test_recording_text_names_the_guidance_law(tmp_path):
     assert "guidance **kinematic with pd_t2fnn**" in running(load_scenario("straight_line"))
 
 
-def test_plots_of_missing_components_are_not_drawn(tmp_path):
+def test_plots_of_components_absent_from_the_run_are_not_drawn(tmp_path):
     path = tmp_path / "run.rrd"
     scenario = load_scenario("straight_line", {"duration_s": 1, "plant.kind": "bicycle", "controller.kind": "pd"})
     log, recorded = run(scenario, (Recording(path),)), Recorded(path)
@@ -199,7 +199,7 @@ def test_plots_of_missing_components_are_not_drawn(tmp_path):
     assert all(np.isfinite(scalars(recorded, name)[1]).all() for name in plots)
 
 
-def test_plots_use_the_units_of_the_columns(eight):
+def test_plot_units_correspond_to_the_units_of_the_log_columns(eight):
     units = {column.name: column.unit for column in eight.log.rows.table}
     for plot in (*PLOTS, *network_plots(eight.log.rows.columns), *COMPARED):
         for series in plot.series:
@@ -211,7 +211,7 @@ def test_plots_use_the_units_of_the_columns(eight):
     ("unit", "shown", "factor"),
     [("rad/s", "deg/s", DEG), ("m/s2", "m/s2", 1.0), ("N m/rad", "N m/rad", 1.0), ("deg", "deg", 1.0)],
 )
-def test_a_reported_column_of_any_unit_is_plotted(unit, shown, factor):
+def test_reported_column_is_plotted_in_the_unit_for_display(unit, shown, factor):
     (plot,) = reported_plots([Column("own", unit, "a signal of one's own")], ())
     assert (plot.entity, plot.names) == ("plots/reported/own", ["own"])
     assert plot.unit == shown
@@ -219,7 +219,7 @@ def test_a_reported_column_of_any_unit_is_plotted(unit, shown, factor):
 
 
 @pytest.mark.parametrize("broken", [np.nan, np.inf, 1e300])
-def test_recording_of_a_diverged_run_opens(short, tmp_path, broken):
+def test_recording_of_a_diverged_run_is_readable(short, tmp_path, broken):
     """From tick 300 on nothing is a number."""
     for name in short.rows.columns:
         if name != "t":
@@ -273,7 +273,7 @@ def test_plots_without_data_are_omitted_from_the_layout(short):
     assert "estimator/faults" not in found
 
 
-def test_rows_without_a_value_are_omitted_from_plots(short, tmp_path):
+def test_ticks_without_a_value_are_omitted_from_plots(short, tmp_path):
     short.column("position_nees")[150:320] = np.nan
     times, values = scalars(replay(short, tmp_path / "run.rrd"), "estimator/nees")
     there = np.r_[0:150, 320 : len(short.column("t"))]

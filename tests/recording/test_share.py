@@ -35,7 +35,7 @@ def test_shared_page_contains_recording_viewer_and_poster(eight, tmp_path):
     assert re.findall(r'<(?:script|link|img)[^>]*(?:src|href)="(?!data:)', page) == []
 
 
-def test_missing_web_viewer_raises_an_error_that_names_the_program(monkeypatch):
+def test_error_for_a_missing_web_viewer_names_the_program(monkeypatch):
     monkeypatch.setattr(share, "RERUN", (sys.executable, "-c", "raise SystemExit(3)"))
     with pytest.raises(OSError, match="the web viewer of rerun-sdk did not start") as caught:
         share.viewer_files()
@@ -50,12 +50,12 @@ def test_folder_without_recording_cannot_be_shared(call, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["metrics.json"]
 
 
-def test_missing_folder_is_named_instead_of_a_missing_recording(call, tmp_path):
+def test_error_for_a_missing_folder_names_the_folder(call, tmp_path):
     status, _, err = call("report", str(tmp_path / "none"), "--share")
     assert (status, f"--share {tmp_path / 'none'}: no such folder" in err) == (2, True)
 
 
-def test_run_without_recording_gets_the_command_that_records_it(call, tmp_path, monkeypatch):
+def test_error_for_a_run_without_recording_gives_the_record_command(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert call("run", "circle", "--set", "duration_s=0.5", "--no-rrd", "--quiet", "--out", "mine")[0] == 0
     status, _, err = call("report", "mine", "--share")
@@ -65,7 +65,7 @@ def test_run_without_recording_gets_the_command_that_records_it(call, tmp_path, 
     assert (tmp_path / "mine/run.rrd").exists()
 
 
-def test_page_without_vulkan_driver_has_no_poster(eight, tmp_path, monkeypatch, capsys):
+def test_shared_page_made_without_a_vulkan_driver_has_no_poster(eight, tmp_path, monkeypatch, capsys):
     def refused(*_):
         raise snapshot.SnapshotError("run.rrd: no images")
 
@@ -88,13 +88,13 @@ def test_video_without_ffmpeg_is_rejected_before_the_viewer_starts(call, eight, 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_video_and_animation_exclude_each_other(call, eight):
+def test_video_and_animation_options_exclude_each_other(call, eight):
     status, _, err = call("snapshot", str(eight.path), "--mp4", "--gif")
     assert (status, "--gif and --mp4 exclude each other" in err) == (2, True)
 
 
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="needs ffmpeg: apt-get install ffmpeg")
-def test_video_has_the_frames_and_even_sides(tmp_path):
+def test_video_has_the_requested_frames_and_even_side_lengths(tmp_path):
     frames = [Image.new("RGB", (321, 181), (0, 0, 6 * k)) for k in range(20)]
     video = tmp_path / "video.mp4"
     video.write_bytes(snapshot.as_mp4(frames))

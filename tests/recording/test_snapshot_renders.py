@@ -27,7 +27,7 @@ needs_vulkan = pytest.mark.skipif(
 )
 
 
-def test_animation_frames_share_a_palette():
+def test_frames_of_an_animation_have_the_same_colour_palette():
     frames = [Image.new("RGB", (8, 4), colour) for colour in ["red"] * 30 + ["green"] * 10]
     drawn = frames[0].quantize(palette=snapshot.common_palette(frames)).convert("RGB")
     assert drawn.getpixel((0, 0))[0] > 240
@@ -60,7 +60,7 @@ def near(picture, colour, tolerance=24):
 
 
 @needs_vulkan
-def test_tab_is_rendered_completely(pictures, tabs):
+def test_recording_tab_is_rendered_completely(pictures, tabs):
     assert list(pictures) == tabs
     for name, picture in pictures.items():
         assert picture.shape == (1080, 1920, 3), name
@@ -89,7 +89,7 @@ def test_rendered_curves_have_the_colours_of_their_legends(pictures):
 
 @pytest.mark.slow
 @needs_vulkan
-def test_tab_can_be_selected_and_an_unknown_tab_is_reported(eight, tmp_path):
+def test_recording_tab_can_be_selected_and_an_unknown_tab_is_reported(eight, tmp_path):
     (path,) = snapshots(eight.path, [3.5], tmp_path, ["Info"])
     assert path == tmp_path / "info_3.5.png"
     (alone,) = snapshots(eight.path, [3.5], tmp_path, ["tractor"], size=(640, 400))
@@ -102,7 +102,7 @@ def test_tab_can_be_selected_and_an_unknown_tab_is_reported(eight, tmp_path):
     assert not (tmp_path / "none").exists()
 
 
-def test_missing_vulkan_driver_message_names_the_package(eight, tmp_path, monkeypatch):
+def test_error_for_a_missing_vulkan_driver_names_the_package(eight, tmp_path, monkeypatch):
     for name in ("VK_DRIVER_FILES", "VK_ICD_FILENAMES"):
         monkeypatch.setenv(name, "/nonexistent")
     with pytest.raises(SnapshotError, match="apt-get install mesa-vulkan-drivers libvulkan1"):
