@@ -53,7 +53,7 @@ def test_hint_names_the_key_of_a_value_that_does_not_fit_machine_size(changes, k
 
 
 @pytest.mark.parametrize(("wheelbase", "mass", "light"), [(2.8, 750, True), (3.4, 300, True), (1.0, 100, False)])
-def test_a_machine_too_light_for_its_wheels_is_reported(wheelbase, mass, light):
+def test_hint_reports_a_machine_too_light_for_its_wheels(wheelbase, mass, light):
     lines = hints(load_scenario("circle", {"tractor.wheelbase_m": wheelbase, "tractor.mass_kg": mass}))
     assert [line.split(" on ")[0] for line in lines] == [f"tractor.mass_kg: {mass} kg"] * light
 
@@ -66,7 +66,7 @@ def test_no_shipped_machine_is_too_light_for_its_wheels(machine, implement):
 
 
 @pytest.mark.parametrize("table", ["plant.tyre", "plant"])
-def test_stiffness_values_of_another_machine_are_reported(table):
+def test_hint_reports_stiffness_values_of_another_machine_size(table):
     kind = {"plant.tyre.kind": "linear"} if table == "plant.tyre" else {"plant.kind": "bicycle", "terrain.kind": "flat"}
     keys = [f"{table}.{axle}_cornering_stiffness_n_rad" for axle in ("front", "rear")]
     of_compact, measured = (
@@ -78,7 +78,7 @@ def test_stiffness_values_of_another_machine_are_reported(table):
     assert hinted_keys(kind, **measured) == hinted_keys(kind) == []
 
 
-def test_clamped_tyre_coefficient_is_reported_with_its_value():
+def test_hint_states_the_value_of_a_clamped_tyre_coefficient():
     """10.9 kN on a tyre for 2.3 kN: the line of the stiffness would be at 1 - 0.25 x 3.76, that of grip at 0.7."""
     (line,) = hints(load_scenario("side_slope", LARGE | {"plant.tyre.rear.reference_load_n": 2300.0}))
     assert "carries 10948 N, 4.8 times the reference load of 2300 N" in line

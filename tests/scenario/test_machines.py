@@ -72,7 +72,7 @@ def led(tmp_path):
     return str(tmp_path / "led.toml")
 
 
-def test_machine_law_is_the_default_of_the_scenario(led):
+def test_guidance_law_of_the_machine_is_the_default_of_the_scenario(led):
     s = load_scenario("bumps", {"machine": led})
     assert (s.law, s.guidance.gain_per_s) == ("stanley", 0.7)
     assert s.changed({"guidance.softening_m_s": 0.4}).guidance.gain_per_s == 0.7
@@ -116,7 +116,7 @@ def test_compared_yaw_controllers_replace_the_law_of_the_machine(led):
     assert laws == ["kinematic with pd", "kinematic with pd_t2fnn"]
 
 
-def test_other_shipped_machines_follow_the_nearest_path_point():
+def test_all_shipped_machines_except_the_compact_tractor_use_lqr():
     laws = {name: load_scenario("bumps", {"machine": name}).law for name in machine_files()}
     assert laws.pop("compact") == "kinematic with pd_t2fnn"
     assert set(laws.values()) == {"lqr"}
@@ -131,7 +131,7 @@ def test_estimator_of_the_scenario_replaces_that_of_the_machine(name):
     assert load_scenario("side_slope_10_bias_ekf", {"machine": name}).estimator.kind == "ekf_bias"
 
 
-def test_table_of_another_kind_inherits_no_keys_from_the_machine(mine):
+def test_scenario_table_of_another_kind_inherits_no_machine_keys(mine):
     assert load_scenario("grain_cart", {"machine": mine}).implement == load_scenario("grain_cart").implement
     assert load_scenario("straight_line", {"machine": mine, "implement.kind": "none"}).implement.kind == "none"
 
@@ -147,7 +147,7 @@ def test_changing_the_machine_removes_all_keys_of_the_previous_machine(mine):
     assert swapped.changed({"machine": mine}) == load_scenario("straight_line", {"machine": mine, **own})
 
 
-def test_resolved_file_states_machine_name_and_keys_and_gives_equal_run(mine):
+def test_resolved_scenario_contains_machine_keys_and_gives_equal_runs(mine):
     s = load_scenario("straight_line", {"machine": mine})
     data = tomllib.loads(s.to_toml())
     assert (data["machine"], data["tractor"]["wheelbase_m"], data["steering"]["cylinder"]["bore_mm"]) == (mine, 2.0, 63)
@@ -199,7 +199,7 @@ def test_errors_in_a_machine_file_name_that_file(mine, tmp_path, text, message):
         load_scenario("straight_line", {"machine": mine})
 
 
-def test_every_command_on_a_scenario_accepts_a_machine():
+def test_every_command_with_a_scenario_accepts_the_machine_option():
     commands = typer.main.get_command(app).commands
     options = {name: {option for each in made.params for option in each.opts} for name, made in commands.items()}
     assert {"run", "compare"} <= (driving := {name for name in options if "--set" in options[name]})
@@ -215,7 +215,7 @@ def test_command_line_lists_machines_and_rejects_an_unknown_machine():
         CliRunner().invoke(app, ["list", "--machines", "--sweeps"], catch_exceptions=False)
 
 
-def test_impossible_machine_is_reported_with_its_scenario(mine):
+def test_error_for_an_impossible_machine_names_its_scenario(mine):
     impossible = load_scenario("straight_line", {"machine": mine, "tractor.yaw_inertia_kg_m2": 1.0})
     with pytest.raises(
         ScenarioError, match=r"^straight_line, machine .*mine\.toml: tractor: .*for this mass and wheelbase"
@@ -223,7 +223,7 @@ def test_impossible_machine_is_reported_with_its_scenario(mine):
         check_tractor(impossible)
 
 
-def test_machine_is_applied_before_overrides_in_any_order(mine, tmp_path):
+def test_machine_option_is_applied_before_overrides_in_any_order(mine, tmp_path):
     out = ["--set", "duration_s=0.05", "--no-rrd", "--out", str(tmp_path / "out"), "-q", "--set", "plant.settle_s=0"]
     options = ["--set", "implement.mass_kg=130", "--machine", mine, "--set", "tractor.mass_kg=1800"]
     result = CliRunner().invoke(app, ["run", "straight_line", *options, *out], catch_exceptions=False)

@@ -33,7 +33,7 @@ def told(key, base="side_slope_10"):
         ("cone_index_kpa", "did you mean 'plant.tyre.cone_index_kpa' or 'terrain.patch.cone_index_kpa'?"),
     ],
 )
-def test_suggestion_for_an_unknown_key_prefers_its_own_table(key, hint):
+def test_suggestions_for_an_unknown_key_prefer_the_same_table(key, hint):
     assert hint in told(key)
 
 
@@ -58,11 +58,11 @@ def test_each_unknown_law_of_a_comparison_is_reported(call):
     assert all(line.endswith("a plugin's kind needs --plugin FILE.py") for line in lines)
 
 
-def test_words_with_two_common_letters_are_not_suggested():
+def test_words_with_only_two_common_letters_are_not_suggested():
     assert suggestion("pid", ["eso", "nmpc", "lqr"]) == ""
 
 
-def test_scenario_file_in_the_folder_is_found_without_its_suffix(call, tmp_path, monkeypatch):
+def test_scenario_file_in_the_working_folder_is_found_without_suffix(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert "did you mean 'circle'?" in call("run", "circl")[2]
     (tmp_path / "circl.toml").write_text("seed = 4\n", encoding="utf-8")
@@ -71,7 +71,7 @@ def test_scenario_file_in_the_folder_is_found_without_its_suffix(call, tmp_path,
     assert load_scenario("circle").seed == 1  # a name of the library goes first
 
 
-def test_key_of_another_terrain_is_suggested_with_its_kind():
+def test_suggestion_of_a_key_of_another_terrain_names_its_kind():
     assert "did you mean 'grade_deg' (kind = 'slope')? (" in told("terrain.angle_deg", "circle")
 
 
@@ -104,7 +104,7 @@ def test_error_for_other_invalid_arguments_suggests_no_option(call, arguments):
     assert (status, "use --" in err) == (2, False)
 
 
-def test_explain_searches_names_then_descriptions():
+def test_explain_command_searches_names_before_descriptions():
     named = explain_key("inertia").splitlines()
     assert named[0] == "no key 'inertia'; keys that contain it"
     assert [line.split()[0] for line in named[1:]] == [
@@ -128,14 +128,14 @@ def test_explain_searches_names_then_descriptions():
         ("grip", "plant.tyre.front.lateral.mu", "sensors.gnss.multipath_sigma_m"),  # `mu` is a whole word
     ],
 )
-def test_explain_finds_keys_and_kinds_by_other_words(words, found, missing):
+def test_explain_command_finds_keys_and_kinds_by_synonyms(words, found, missing):
     first, *lines = explain_key(words).splitlines()
     shown = {line.split()[0] for line in lines}
     assert first.startswith(f"no key '{words}'; keys that contain it")
     assert (found in shown, missing in shown) == (True, False)
 
 
-def test_explained_table_has_the_default_of_each_kind():
+def test_explanation_of_a_table_has_the_defaults_of_each_kind():
     lines = [line.split() for line in explain_key("terrain").splitlines() if line.split()[:1] == ["grade_deg"]]
     assert [(line[1], "(slope)" in " ".join(line)) for line in lines] == [("5.0", True), ("0.0", False)]
     sizes = [line.split()[1] for line in explain_key("terrain").splitlines() if line.split()[:1] == ["half_size_m"]]

@@ -78,7 +78,7 @@ def test_fault_outside_the_duration_of_the_run_is_reported(window, said):
 
 
 @pytest.mark.parametrize(("latency_s", "told"), [(1.0, True), (0.5, False)])
-def test_fixes_always_older_than_the_supervisor_limit_get_a_hint(latency_s, told):
+def test_hint_reports_fix_latency_above_the_limit_of_the_supervisor(latency_s, told):
     late = {"supervisor.enabled": True, "sensors.gnss.latency_s": latency_s}
     found = hints(load_scenario("figure_eight", late))
     assert [line.startswith("supervisor.coasting_after_s: 0.6 s") for line in found] == ([True] if told else [])
@@ -127,7 +127,7 @@ def test_run_from_python_issues_hints_as_warnings():
         agrobot_mj.run(load_scenario("circle", fault))
 
 
-def test_tractor_with_an_unresponsive_pedal_is_stuck():
+def test_run_with_an_unresponsive_pedal_ends_as_stuck():
     plant = SimpleNamespace(trouble=lambda: None)
     still = SimpleNamespace(x=0.0, y=0.0, pedal=0.0)
     watch = Watch(plant)
@@ -150,7 +150,7 @@ def corners(n, seed=1):
     return [[float(r * np.cos(a)), float(r * np.sin(a))] for a, r in zip(angles, radii, strict=True)]
 
 
-def test_polygon_patches_with_many_corners_are_filled():
+def test_cells_inside_polygon_patches_with_many_corners_are_filled():
     patches = [{"kind": "polygon", "points": corners(1000, seed), "cell_m": 0.03} for seed in range(4)]
     load_scenario("straight_line", {"terrain.half_size_m": 40.0, "terrain.patch": patches})
 

@@ -26,13 +26,13 @@ def applied(line):
     return {key: value.strip('"') if '"' in value else float(value) for key, value in found}
 
 
-def test_swath_and_turns_derived_from_the_machine_give_no_hint():
+def test_swath_width_and_turns_derived_from_the_machine_give_no_hint():
     for machine in ("compact", "riding", "orchard", "robot", "utility", "row_crop"):
         assert on_path(machine=machine) == []
 
 
 @pytest.mark.parametrize(("machine", "radius", "speed"), [("row_crop", 3.9, 1.0), ("utility", 3.1, 0.9)])
-def test_every_value_suggested_for_an_abrupt_turn_works(machine, radius, speed):
+def test_every_value_suggested_for_an_abrupt_turn_removes_the_hint(machine, radius, speed):
     (line,) = on_path(machine=machine, turn_radius_m=radius, turn_speed_m_s=speed)
     assert line.startswith("path.turn_radius_m: at (")
     fixes = applied(line)
@@ -42,7 +42,7 @@ def test_every_value_suggested_for_an_abrupt_turn_works(machine, radius, speed):
         assert on_path(machine=machine, **given) == []
 
 
-def test_turn_near_full_lock_gives_a_hint_with_a_feasible_radius():
+def test_turn_near_the_steering_limit_gives_a_hint_with_feasible_radius():
     """At 1.9 m the CG of the compact tractor needs 37.5 of 40 deg: sin(beta) = 0.532 / 1.9."""
     given = {**FIELD, "path.turn_radius_m": 1.9, "path.transition": "clothoid", "tractor.steer_limit_deg": 40.0}
     (line,) = hints(load_scenario("straight_line", given))
@@ -50,7 +50,7 @@ def test_turn_near_full_lock_gives_a_hint_with_a_feasible_radius():
     assert hints(load_scenario("straight_line", given | {"path.turn_radius_m": applied(line)["turn_radius_m"]})) == []
 
 
-def test_turn_too_fast_for_the_steering_gives_a_hint():
+def test_turn_too_fast_for_the_steering_rate_gives_a_hint():
     fast = {"speed_m_s": 2.2, "turn_speed_m_s": 1.8, "lateral_acceleration_m_s2": 1.5}
     (line,) = on_path(**fast)
     assert on_path(**fast, turn_radius_m=applied(line)["turn_radius_m"]) == []
@@ -71,7 +71,7 @@ def test_clothoids_too_fast_for_the_valve_give_a_hint():
     assert set(applied(line)) == {"turn_radius_m", "turn_speed_m_s"}
 
 
-def test_predicted_offset_after_a_curvature_step_equals_integration():
+def test_predicted_offset_after_a_curvature_step_equals_the_integral():
     """Heading and offset by quadrature of a curvature that rises evenly over the way, about the step."""
     tractor, rate = TractorParameters(), radians(20.0)
     step = Change(0.0, 0.08, 0.0, 3.0, (0.0, 0.0))
@@ -94,7 +94,7 @@ def test_circle_of_minimum_radius_requires_the_steering_limit(machine):
     assert machine.steering_for(99.0) == pytest.approx(radians(90.0))
 
 
-def test_circle_below_the_minimum_radius_is_rejected_with_that_radius():
+def test_error_for_a_circle_below_the_minimum_radius_states_this_radius():
     """L / tan(45 deg) = 1.4 m at the rear axle, l_r = 0.532 m: 1.498 m at the CG."""
     given = {"path.kind": "circle", "path.speed_m_s": 0.4}
     with pytest.raises(ScenarioError, match=r"the limit is 45 deg \(radius 1\.50 m\); use a larger radius"):
@@ -102,7 +102,7 @@ def test_circle_below_the_minimum_radius_is_rejected_with_that_radius():
     assert load_scenario("straight_line", given | {"path.radius_m": 1.51}).path.radius_m == 1.51
 
 
-def test_path_leaving_the_ground_gives_a_hint_with_position_and_time():
+def test_path_leaving_the_terrain_gives_a_hint_with_position_and_time():
     given = {"path.length_m": 90.0, "terrain.half_size_m": 70.0, "path.heading_deg": 90.0, "duration_s": 80.0}
     (line,) = hints(load_scenario("straight_line", given))
     place = re.fullmatch(
@@ -114,20 +114,20 @@ def test_path_leaving_the_ground_gives_a_hint_with_position_and_time():
     assert seconds == pytest.approx(70.0 / 1.2 + 2.0, abs=1.0)
 
 
-def test_path_ending_at_the_ground_edge_gives_a_hint():
+def test_path_ending_at_the_edge_of_the_terrain_gives_a_hint():
     """A tractor that is ahead of its reference leaves the ground before the run ends."""
     given = {"path.length_m": 70.0, "terrain.half_size_m": 70.0, "duration_s": None}
     assert "leaves the ground" in hints(load_scenario("straight_line", given))[0]
 
 
-def test_run_that_ends_before_its_path_leaves_the_ground_has_no_hint():
+def test_run_that_ends_before_its_path_leaves_the_terrain_has_no_hint():
     given = {"path.length_m": 90.0, "terrain.half_size_m": 70.0}
     assert hints(load_scenario("straight_line", given | {"duration_s": 50.0})) == []
     assert hints(load_scenario("off_the_field")) == []
 
 
 @pytest.mark.parametrize(("east", "fix"), [(540.0, "make the terrain larger"), (31_500.0, "shift the path: subtract")])
-def test_error_for_a_start_outside_the_ground_names_size_and_fix(east, fix):
+def test_error_for_a_start_outside_the_terrain_states_size_and_remedy(east, fix):
     with pytest.raises(ScenarioError, match=rf"outside the terrain, which extends 500 m from its centre.*; {fix}"):
         load_scenario("straight_line", {"path.start_x_m": east})
 

@@ -49,7 +49,7 @@ def folder(tmp_path_factory):
     return folder
 
 
-def test_error_of_a_report_without_its_plugin_names_option_and_file(folder):
+def test_report_command_without_the_plugin_names_option_and_file(folder):
     done = command(folder, "report", "swept")
     assert done.returncode == 2
     first, last = done.stderr.splitlines()
@@ -66,7 +66,7 @@ def test_command_of_a_worst_run_in_a_report_can_be_pasted(folder):
     assert command(folder, *split(line)[1:], "--no-rrd").returncode == 0
 
 
-def test_error_of_a_scenario_without_its_plugin_names_option_and_file(folder):
+def test_run_command_without_the_plugin_names_option_and_file(folder):
     done = command(folder, "run", "driven/scenario.toml", "--no-rrd")
     assert done.returncode == 2
     options = re.search(r": the scenario was run with plugins; add (.*)", done.stderr)[1]
@@ -92,7 +92,7 @@ def test_error_in_a_plugin_begins_with_its_file_name(folder):
     assert not list(Path(folder).glob("runs/*/signals.parquet"))
 
 
-def test_failed_run_of_a_comparison_names_the_line_of_the_plugin(folder):
+def test_error_of_a_failed_comparison_run_names_the_line_of_the_plugin(folder):
     keys = ("--guidance", "forgetful", "--plants", "bicycle", "--no-rrd", "--jobs", "1")
     done = command(folder, "compare", "drive.toml", "--plugin", "own.py", *keys)
     assert done.returncode == 1

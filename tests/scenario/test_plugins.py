@@ -76,7 +76,7 @@ assert log.signals.column("x").equals(same.signals.column("x"))
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_plugin_sensor_has_a_table_and_its_reading_reaches_the_estimator(tmp_path):
+def test_measurement_of_a_plugin_sensor_is_passed_to_the_estimator(tmp_path):
     code = """
 from agrobot_mj.sensors import Sensor
 @register
@@ -208,7 +208,7 @@ def test_invalid_plugin_gives_one_message_and_registers_nothing(tmp_path, call, 
         (lambda state: sys.exit(3), "code of a plugin ended the run with SystemExit"),
     ],
 )
-def test_plugin_law_that_returns_the_wrong_type_is_reported(answer, message):
+def test_error_for_a_plugin_law_states_its_invalid_return_value(answer, message):
     class Mine(GuidanceLaw):
         """A law."""
 
@@ -311,7 +311,7 @@ def test_every_command_on_scenarios_or_kinds_accepts_plugins():
     assert arguments == {"FILE.rrd"}
 
 
-def test_studies_accept_plugins(tmp_path):
+def test_study_commands_accept_plugins(tmp_path):
     """Those of tyres: tests/docs/test_plugins_doc.py."""
     (tmp_path / "law.py").write_text(LAW, encoding="utf-8")
     short = ("--set", "duration_s=1", "--plants", "bicycle", "--no-rrd", "--out", "compared")

@@ -222,7 +222,7 @@ def test_scenario_template_equals_the_default_scenario(tmp_path, monkeypatch):
     assert all(f"#   {kind} " in text for table in ("path", "plant.tyre", "fault") for kind in families()[table])
 
 
-def test_every_commented_key_of_the_template_can_be_activated(tmp_path):
+def test_every_commented_key_of_the_template_can_be_uncommented(tmp_path):
     """With all keys uncommented, the file states every default and gives the same scenario."""
     text = write_template(str(tmp_path / "mine")).read_text(encoding="utf-8")
     keys = re.sub(r"^# (\w+ = .+)$", r"\1", text.partition("# [[fault]]")[0], flags=re.M)

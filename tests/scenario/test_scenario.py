@@ -76,7 +76,7 @@ def test_figure_eight_scenario_has_two_laps_of_120_s_on_mujoco():
     assert scenario.ticks == pytest.approx((240 + 13.7) / TICK_S, abs=20), "two turns and the run-in"
 
 
-def test_an_empty_file_is_a_complete_scenario():
+def test_empty_file_is_a_valid_scenario_with_default_values():
     assert resolve({}, "empty") == Scenario()
 
 
@@ -137,7 +137,7 @@ def test_overrides_use_dotted_keys():
     assert scenario.plant.tyre.relaxation_radii == 0.3
 
 
-def test_override_may_be_a_whole_table():
+def test_override_may_replace_a_whole_table():
     scenario = load_scenario("straight_line", {"path": {"kind": "circle", "radius_m": 7.0}})
     assert (scenario.path.kind, scenario.path.radius_m) == ("circle", 7.0)
 
@@ -189,7 +189,7 @@ def test_every_kind_of_a_family_can_be_selected_by_name(table, union):
         assert type(part) is member
 
 
-def test_table_without_a_kind_has_the_default_kind():
+def test_table_without_a_kind_key_has_the_default_kind():
     assert load_scenario("straight_line", {"terrain.half_size_m": 77.0}).terrain.half_size_m == 77.0
 
 
@@ -202,7 +202,7 @@ def test_overriding_one_key_leaves_all_other_keys_at_their_defaults(tyre):
             assert load_scenario("straight_line", {"plant.tyre.kind": tyre, key: value}) == default, key
 
 
-def test_changed_copy_does_not_modify_the_original():
+def test_changed_copy_of_a_scenario_does_not_modify_the_original():
     scenario = load_scenario("straight_line")
     assert scenario.changed({"seed": 5}).seed == 5
     assert scenario.seed == 1
@@ -247,14 +247,14 @@ def test_changed_copy_does_not_modify_the_original():
         ({"plant.kind": "bicycle", "terrain.kind": "slope"}, "terrain.kind", "flat"),
     ],
 )
-def test_error_message_names_the_file_the_key_and_the_fix(overrides, key, fix):
+def test_error_message_names_the_file_the_key_and_a_remedy(overrides, key, fix):
     message = refused("straight_line", overrides)
     assert message.startswith(f"straight_line.toml: {key}: ")
     assert fix in message
     assert "\n" not in message
 
 
-def test_sloped_terrain_is_rejected_with_the_bicycle_in_any_key_order():
+def test_bicycle_plant_rejects_sloped_terrain_in_any_order_of_keys():
     slope = load_scenario("straight_line", {"terrain.kind": "slope"})
     with pytest.raises(ScenarioError, match=r"terrain\.kind: the bicycle plant supports only flat ground, got 'slope'"):
         slope.changed({"plant.kind": "bicycle"})
@@ -270,7 +270,7 @@ def test_error_for_a_time_step_not_dividing_the_tick_suggests_a_step(step):
 
 
 @pytest.mark.parametrize("step", [0.005, 0.0025, 0.002, 0.001, 0.05 / 3 / 4])
-def test_time_step_that_divides_the_tick_is_accepted(step):
+def test_physics_time_step_that_divides_the_tick_is_accepted(step):
     scenario = load_scenario("straight_line", {"physics_dt_s": step})
     assert scenario.steps_per_tick * step == pytest.approx(TICK_S)
 
@@ -287,13 +287,13 @@ def test_time_step_that_divides_the_tick_is_accepted(step):
         ({"physics_dt_s": 0.001}, 0.001),
     ],
 )
-def test_time_step_follows_from_the_physics_setting(changes, step):
+def test_physics_time_step_follows_from_the_physics_setting(changes, step):
     scenario = load_scenario("straight_line", changes)
     assert scenario.step_s == step
     assert scenario.steps_per_tick == round(TICK_S / step)
 
 
-def test_time_step_together_with_a_physics_setting_is_rejected():
+def test_physics_time_step_with_a_physics_setting_is_rejected():
     message = refused("straight_line", {"physics": "fast", "physics_dt_s": 0.002})
     assert message.endswith("physics: 'fast' and physics_dt_s = 0.002 both set the step; omit one")
 
@@ -328,7 +328,7 @@ def test_an_override_of_an_unknown_key_is_reported(key):
     ],
     ids=["delay", "settling", "step", "duration"],
 )
-def test_numbers_too_large_to_simulate_are_rejected(overrides):
+def test_values_too_large_for_a_simulation_are_rejected(overrides):
     """Each of these would fill the memory or run for years."""
     refused("circle", overrides)
 
@@ -368,7 +368,7 @@ def test_scenarios_are_immutable():
         load_scenario("circle").seed = 3
 
 
-def test_duration_defaults_to_the_duration_of_the_path():
+def test_run_duration_defaults_to_the_duration_of_the_path():
     assert load_scenario("circle").ticks == round(load_scenario("circle").path.duration_s / TICK_S)
     assert load_scenario("circle", {"duration_s": 2}).ticks == 40
     assert load_scenario("circle", {"duration_s": 1e-3}).ticks == 1

@@ -58,7 +58,7 @@ def test_scenario_file_that_is_not_utf_8_is_rejected():
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="names of files are bytes on Linux only")
-def test_file_with_an_undecodable_name_runs_under_another_name(tmp_path):
+def test_undecodable_characters_of_a_scenario_file_name_are_replaced(tmp_path):
     path = tmp_path / os.fsdecode(b"w\xfcrfel\n.toml")
     path.write_text("duration_s = 1")
     assert load_scenario(path).name == "w_rfel_"
