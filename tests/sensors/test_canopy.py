@@ -35,7 +35,7 @@ def qualities(canopy, xs, seed=1, conditions=NOMINAL):
     return np.array(found)
 
 
-def test_canopy_affects_the_antenna_position_and_the_fix_returns_later():
+def test_fix_quality_below_a_canopy_is_float_and_recovers_with_delay():
     xs = np.arange(0.0, 40.0, 0.06)
     found = qualities(Canopy(points=STRIP, lapse_share=0.0, refix_s=4.0), xs)
     below = (xs > 10.0) & (xs < 20.0)
@@ -60,12 +60,12 @@ def test_gnss_losses_have_the_configured_fraction_and_mean_duration():
     assert none.sum() * DT / len(begins) == pytest.approx(0.5, rel=5 / sqrt(len(begins)))
 
 
-def test_worse_quality_of_a_scripted_fault_takes_precedence():
+def test_worse_fix_quality_of_a_gnss_fault_takes_precedence_over_canopy():
     lost = NOMINAL._replace(gnss_quality=Quality.NONE)
     assert qualities(Canopy(points=STRIP, lapse_share=0.0), [15.0], conditions=lost)[0] == Quality.NONE
 
 
-def test_canopy_does_not_change_the_sensor_noise():
+def test_canopy_does_not_change_the_noise_of_fixes_outside_of_it():
     """Outside of it the fixes are those of a receiver without one."""
     fixes = []
     for canopy in ((Canopy(points=STRIP),), ()):

@@ -46,21 +46,21 @@ def test_dual_antenna_heading_needs_no_base_station():
 
 
 @pytest.mark.parametrize("baseline", [0.5, 2.0])
-def test_heading_error_is_position_error_divided_by_the_baseline(baseline):
+def test_heading_sigma_is_position_sigma_divided_by_the_baseline(baseline):
     dual, n = DualAntenna(enabled=True, baseline_m=baseline, wander_sigma_m=0.0, mounting_deg=0.5), 4000
     error = headings(dual, n) - 0.3
     assert error.std() == pytest.approx(0.003 / baseline, rel=5 / sqrt(2 * n))
     assert degrees(error.mean()) == pytest.approx(0.5, abs=5 * degrees(0.003 / baseline) / sqrt(n))
 
 
-def test_slow_heading_error_starts_in_its_stationary_distribution():
+def test_correlated_heading_error_starts_in_its_stationary_distribution():
     dual, n = DualAntenna(enabled=True, sigma_m=0.0, wander_sigma_m=0.004), 1500
     error = np.array([headings(dual, 1, seed)[0] for seed in range(n)]) - 0.3
     assert error.std() == pytest.approx(0.004, rel=5 / sqrt(2 * n))
 
 
 @pytest.mark.parametrize(("roll", "pitch"), [(0.2, 0.0), (0.0, 0.2), (0.2, 0.15), (-0.2, 0.15)])
-def test_tilted_roof_rotates_the_antenna_baseline(roll, pitch):
+def test_roll_and_pitch_rotate_the_antenna_baseline(roll, pitch):
     """Against rotation matrices: yaw, then pitch, then roll (ISO 8855)."""
     c, s = np.cos, np.sin
     R_z = np.array([[c(0.3), -s(0.3), 0], [s(0.3), c(0.3), 0], [0, 0, 1]])
@@ -92,7 +92,7 @@ FULL = {
 BOTH = {"sensors.gnss.dual_antenna.enabled": True}
 
 
-def test_dual_antenna_gives_the_heading_at_standstill():
+def test_dual_antenna_corrects_a_wrong_initial_heading_at_standstill():
     """A start heading wrong by 60 deg: at once with two antennas, only after some metres with one."""
     wrong = {**FULL, "estimator.initial_yaw_error_deg": 60, "duration_s": 0.5}
     for more, found in ((BOTH, True), ({}, False)):
@@ -102,7 +102,7 @@ def test_dual_antenna_gives_the_heading_at_standstill():
         assert (degrees(off) < 1.5) == found
 
 
-def test_on_a_side_slope_two_antennas_separate_heading_from_course():
+def test_dual_antenna_on_a_side_slope_separates_heading_from_course():
     """10 deg: the tractor crabs by more than a degree, which one antenna takes for heading."""
     slope = {**FULL, "duration_s": 40}
     off = {}

@@ -103,7 +103,7 @@ def test_rtk_noise_scenario_has_millimetre_jitter_and_centimetre_drift():
     assert 0.005 < wander < 0.02
 
 
-def test_gnss_errors_of_both_axes_are_independent():
+def test_gnss_errors_in_east_and_north_are_independent():
     error = np.array([errors(REAL, 1, seed)[0] for seed in range(1500)])
     assert np.abs(np.corrcoef(error.T)[np.triu_indices(3, 1)]).max() < 5 / sqrt(1500)
 
@@ -115,12 +115,12 @@ def test_additional_error_part_does_not_change_other_noise():
     assert errors(more, 50) == pytest.approx(errors(plain, 50) + errors(drift, 50), abs=1e-12)
 
 
-def test_float_solution_excludes_the_error_parts_of_a_fix():
+def test_error_parts_of_a_fixed_solution_are_absent_in_a_float_solution():
     plain, more = Gnss(), Gnss(drift_sigma_m=5.0, multipath_sigma_m=5.0)
     assert np.array_equal(errors(plain, 50, quality=Quality.FLOAT), errors(more, 50, quality=Quality.FLOAT))
 
 
-def test_height_error_has_its_ratio_and_is_missing_without_a_fix():
+def test_height_error_has_the_configured_ratio_and_is_nan_without_a_fix():
     error = errors(Gnss(height_ratio=3.0, correlated_fraction=0.0), 4000)
     assert error[:, 2].std() == pytest.approx(0.06, rel=5 / sqrt(8000))
     gnss = Gnss()

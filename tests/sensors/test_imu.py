@@ -72,7 +72,7 @@ def test_unaided_inclinometer_reports_a_bend_as_tilt(way):
     assert found[5:, 2:] == pytest.approx(np.tile([0.0, 0.981, 9.81], (35, 1)), abs=1e-3)
 
 
-def test_gyros_reduce_the_tilt_error_in_a_bend():
+def test_gyros_reduce_the_roll_and_pitch_error_in_a_bend():
     """The filter's vertical stands in space: tau r smaller in roll, and behind in pitch."""
     tau, r = 2.0, 0.3
     found = drive(perfect(aiding="none", time_constant_s=tau), bend(3.0, r), 600)[-1]
@@ -94,7 +94,7 @@ def test_unaided_imu_reports_acceleration_as_pitch(a):
 
 
 @pytest.mark.parametrize("motion", [bend(2.5, -0.35), lambda t: (0.7 * t, 1.0, 0.0), bend(-1.5, 0.2)])
-def test_speed_aiding_removes_the_effect_of_machine_acceleration(motion):
+def test_speed_aiding_removes_the_effect_of_acceleration_on_tilt(motion):
     assert drive(perfect(time_constant_s=0.0), motion, 100)[:, :2] == pytest.approx(0.0, abs=1e-5)
 
 
@@ -108,7 +108,7 @@ def test_slope_is_measured_exactly_when_driving_straight_at_constant_speed(aidin
 
 
 @pytest.mark.parametrize("time_constant", [0.0, 2.5])
-def test_vibration_biases_an_inclinometer_but_not_a_filtered_imu(time_constant):
+def test_vibration_biases_an_inclinometer_but_not_an_imu_with_gyros(time_constant):
     """Up and back at once, 0.5 g and 0.3 g: the direction of the force has a mean of a_x a_z / g^2 / 2, 4 deg."""
     imu = perfect(aiding="none", time_constant_s=time_constant)
     state, pitch, w = imu.init(1), [], 2 * pi * 2.5
@@ -157,7 +157,7 @@ def test_unaided_imu_reports_outward_tilt_in_a_bend_on_both_plants(plant):
     assert np.mean(log["imu_force_z"]) == pytest.approx(9.81, abs=0.05)
 
 
-def test_without_an_imu_roll_and_pitch_are_nan():
+def test_roll_and_pitch_measurements_are_nan_without_an_imu():
     sensors = Sensors()
     _, measurement = sensors.measure(sensors.init(1), truth(), NOMINAL, DT)
     assert isnan(measurement.roll)
@@ -170,7 +170,7 @@ def test_ideal_imu_measures_the_true_attitude():
     assert (measurement.roll, measurement.pitch) == (0.17, -0.05)
 
 
-def test_imu_biases_are_added_to_their_own_axes():
+def test_each_imu_bias_is_added_to_its_own_axis():
     imu = Imu(enabled=True, sigma_deg=0.0, wander_sigma_deg=0.0, roll_bias_deg=0.4, pitch_bias_deg=-0.3)
     assert readings(imu, 1, roll=radians(10.0), pitch=radians(2.0))[0] == pytest.approx([10.4, 1.7])
 
@@ -185,7 +185,7 @@ def test_imu_error_has_the_configured_sigmas_and_correlation_time(lag):
     assert abs(np.corrcoef(error.T)[0, 1]) < 5 * sqrt(10 / n)
 
 
-def test_slow_imu_error_starts_in_its_stationary_distribution():
+def test_correlated_imu_error_starts_in_its_stationary_distribution():
     imu, n = Imu(enabled=True, sigma_deg=0.0, wander_sigma_deg=0.2), 2000
     first = [readings(imu, 1, seed)[0, 0] for seed in range(n)]
     assert np.std(first) == pytest.approx(0.2, rel=5 / sqrt(2 * n))

@@ -32,7 +32,7 @@ def readings(sensor, ticks, seed=1, **now):
     return np.array(found)
 
 
-def test_measurement_is_missing_without_the_sensor():
+def test_measurement_is_missing_if_its_sensor_is_disabled():
     assert isnan(readings(WheelSpeed(), 1)[0])
 
 
@@ -57,7 +57,7 @@ def test_wheel_speed_of_stationary_wheels_is_exactly_zero():
     assert (readings(WheelSpeed(enabled=True), 20, wheel_speed=0.04) != 0.0).all()
 
 
-def test_gyro_bias_is_a_random_walk():
+def test_gyro_bias_is_a_random_walk_of_the_configured_size():
     """After 10 s the spread over seeds is the walk times the root of the time."""
     gyro, runs = Gyro(enabled=True, sigma_deg_s=0.0, bias_deg_s=0.5, bias_walk_deg_s_rt_s=0.01), 300
     last = np.degrees([readings(gyro, 200, seed)[-1] for seed in range(runs)]) - np.degrees(0.1)
@@ -71,7 +71,7 @@ def test_gyro_bias_walk_does_not_change_the_white_noise():
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_both_plants_report_their_wheel_speed(plant):
+def test_wheel_speed_of_both_plants_includes_rolling_radius_and_slip(plant):
     """MuJoCo: the loaded tyre rolls on less than its free radius, and slips a little to overcome its resistance."""
     loop = Loop(load_scenario("straight_line", {"plant.kind": plant}))
     assert loop.truth.wheel_speed == pytest.approx(0.0, abs=1e-3)
@@ -97,7 +97,7 @@ def test_radar_ignores_wheel_slip_and_is_zero_below_minimum_speed():
 
 
 @pytest.mark.parametrize("lag", [0, 2, 10])
-def test_ground_dependent_radar_error_changes_slowly(lag):
+def test_ground_dependent_radar_error_is_correlated_in_time(lag):
     n = 40_000
     radar = RadarSpeed(enabled=True, scale_error=0.0, ground_sigma=0.01, ground_time_s=0.25, sigma_m_s=0.0)
     error = readings(radar, n, speed=1.0) - 1.0
@@ -105,7 +105,7 @@ def test_ground_dependent_radar_error_changes_slowly(lag):
     assert error[: n - lag] @ error[lag:] / (n - lag) == pytest.approx(expected, abs=5 * 1e-4 * sqrt(10 / n))
 
 
-def test_body_fixed_gyro_measures_the_rate_about_its_own_axis():
+def test_body_fixed_gyro_measures_the_rate_about_the_body_axis():
     """On a side slope of 15 deg it turns about the slope's normal, of which the vertical sees the cosine."""
     perfect = {"enabled": True, "sigma_deg_s": 0.0, "bias_walk_deg_s_rt_s": 0.0}
     changes = {"terrain.kind": "slope", "terrain.grade_deg": 15, "controller.kind": "open_loop"}

@@ -82,7 +82,7 @@ def test_new_sensor_needs_only_a_class_and_a_field():
     assert WithCompass().report(state)[-1] == measurement.readings["compass"].yaw
 
 
-def test_new_sensor_does_not_change_other_noise():
+def test_new_sensor_does_not_change_the_noise_of_other_sensors():
     for (_, new), (_, old) in zip(drive(WithCompass()), drive(Sensors()), strict=True):
         assert {name: new.readings[name] for name in old.readings} == old.readings
 
@@ -100,7 +100,7 @@ def test_every_sensor_follows_the_protocol(name):
 
 
 @pytest.mark.parametrize("name", Sensors().all)
-def test_sensor_faults_do_not_change_the_noise(name):
+def test_sensor_faults_do_not_change_the_noise_after_the_fault(name):
     """After a fault the readings are those of a run without it."""
     sensor, readings = ALL_ON.all[name], []
     for conditions in (NOMINAL, ILL):

@@ -36,7 +36,7 @@ def record(sensors, ticks, seed=1, quality=lambda k: Quality.FIX, state_of=lambd
 # --- potentiometers
 
 
-def test_filter_weights_equal_savitzky_golay_followed_by_a_mean():
+def test_potentiometer_filter_is_savitzky_golay_followed_by_a_mean():
     pot = Potentiometer()
     assert pot.weights.shape == (100,)
     assert pot.weights.sum() == pytest.approx(1.0, abs=1e-12)
@@ -46,7 +46,7 @@ def test_filter_weights_equal_savitzky_golay_followed_by_a_mean():
 
 
 @pytest.mark.parametrize(("steps", "samples"), [(25, 100), (10, 100), (100, 100), (1, 5), (50, 21), (7, 40)])
-def test_compiled_measurement_equals_its_separate_steps(steps, samples):
+def test_compiled_measurement_equals_the_sequence_of_its_steps(steps, samples):
     pot, rng = Potentiometer(samples=samples, savgol_window=3, savgol_polyorder=1), np.random.default_rng(steps)
     history = rng.uniform(-0.5, 0.5, steps)
     given, wanted = np.arange(1, steps + 1) / steps, np.arange(1, samples + 1) / samples
@@ -54,7 +54,7 @@ def test_compiled_measurement_equals_its_separate_steps(steps, samples):
     assert pot.read(history, stream(4, "pot")) == pytest.approx(np.radians(pot.weights @ np.rint(degrees)), abs=1e-13)
 
 
-def test_filter_weights_change_with_the_filter_settings():
+def test_potentiometer_filter_weights_change_with_the_filter_settings():
     pot = Potentiometer()
     assert not np.allclose(pot.weights, pot.model_copy(update={"savgol_window": 5}).weights)
 
@@ -62,7 +62,7 @@ def test_filter_weights_change_with_the_filter_settings():
 @pytest.mark.parametrize(
     ("samples", "window", "order"), [(100, 21, 3), (21, 21, 3), (10, 5, 2), (3, 3, 1), (60, 1, 0), (90, 41, 4)]
 )
-def test_filter_agrees_with_scipy_including_both_ends(samples: int, window: int, order: int) -> None:
+def test_savitzky_golay_filter_agrees_with_scipy_including_both_ends(samples: int, window: int, order: int) -> None:
     theirs = savgol_filter(np.eye(samples), window, order, axis=0)
     assert savgol_matrix(samples, window, order) == pytest.approx(theirs, abs=1e-12)
 
@@ -95,7 +95,7 @@ def test_potentiometer_works_for_any_number_of_physics_steps(n):
 
 
 @pytest.mark.parametrize("n", [25, 50, 100])
-def test_measurement_of_a_ramp_is_its_mean_over_the_tick(n):
+def test_potentiometer_measurement_of_a_ramp_is_its_mean_over_the_tick(n):
     """To a hundredth of the change: samples end at the tick, and hold before the first physics step."""
     pot = Potentiometer(noise_sigma_deg=0.0, resolution_deg=1e-6)
     ramp = 0.2 + 0.1 * np.arange(1, n + 1) / n
@@ -173,7 +173,7 @@ def test_measured_position_is_the_antenna_position():
 
 
 @pytest.mark.parametrize("ticks", [0, 1, 4])
-def test_latency_delays_the_solution_by_whole_ticks(ticks):
+def test_gnss_latency_delays_the_solution_by_whole_ticks(ticks):
     sensors = Sensors(gnss=PERFECT.model_copy(update={"latency_s": ticks * DT}))
     outage = 6
     log = record(
@@ -190,12 +190,12 @@ def test_latency_delays_the_solution_by_whole_ticks(ticks):
             assert measurement.fix.t == pytest.approx((k - ticks) * DT)
 
 
-def test_latency_of_fractional_ticks_is_rejected():
+def test_gnss_latency_of_fractional_ticks_is_rejected():
     with pytest.raises(ValidationError, match=r"latency_s(.|\n)*0.12 is not a whole number.*try 0.1"):
         Gnss(latency_s=0.12)
 
 
-def test_loss_of_solution_gives_no_fix_and_leaves_noise_unchanged():
+def test_lost_solution_gives_no_fix_and_leaves_later_noise_unchanged():
     def quality(k):
         return Quality.NONE if 3 <= k < 6 else Quality.FIX
 
@@ -209,7 +209,7 @@ def test_loss_of_solution_gives_no_fix_and_leaves_noise_unchanged():
 # --- gyro and the whole
 
 
-def test_the_gyro_is_absent_by_default():
+def test_gyro_is_absent_by_default():
     assert isnan(record(Sensors(), 1)[0].gyro)
 
 
@@ -229,7 +229,7 @@ def test_equal_seeds_give_equal_measurements():
         assert getattr(one[4], name) != getattr(two[4], name)
 
 
-def test_number_of_physics_steps_may_differ_between_two_runs():
+def test_number_of_physics_steps_per_tick_may_differ_between_runs():
     sensors, plain = Sensors(), {}
     for steps in (25, 10, 40, 25):
         _, measured = sensors.measure(sensors.init(1), truth(n=steps), NOMINAL, DT)
@@ -237,7 +237,7 @@ def test_number_of_physics_steps_may_differ_between_two_runs():
         assert plain.setdefault(steps, measured) == measured
 
 
-def test_noise_of_all_channels_is_independent():
+def test_noise_of_different_measurement_channels_is_independent():
     gnss, n = Gnss(correlated_fraction=0.5, correlation_time_s=DT), 2000
     log = record(Sensors(gnss=gnss, gyro=Gyro(enabled=True)), n, state_of=lambda k: truth())
     channels = np.array([[*m.fix[:4], m.steer, m.pedal, m.gyro] for m in log]).T
@@ -253,7 +253,7 @@ def test_noise_of_all_channels_is_independent():
         Sensors(steering_pot=SteeringPotentiometer(samples=50)),
     ],
 )
-def test_changing_a_sensor_does_not_change_the_noise_of_others(changed):
+def test_changed_sensor_settings_do_not_change_the_noise_of_others(changed):
     default = Sensors()
     for before, after in zip(record(default, 20), record(changed, 20), strict=True):
         if changed.gnss == default.gnss:

@@ -67,7 +67,7 @@ def test_esri_grid_is_positioned_by_its_corner_or_its_centre(tmp_path):
     check(Heightmap(file=asc(tmp_path, grid(), centres), map_origin_m=ORIGIN).ground(), ORIGIN)
 
 
-def test_geotiff_is_positioned_for_area_and_for_point_pixels(tmp_path):
+def test_geotiff_with_area_or_point_pixels_is_positioned_correctly(tmp_path):
     check(Heightmap(file=tiff(tmp_path, grid()), map_origin_m=ORIGIN).ground(), ORIGIN)
     at_node = (0.0, 0.0, 0.0, EAST, NORTH + CELL * (ROWS - 1), 0.0)
     points = tiff(tmp_path, grid(first=0.0), raster=2, tie=at_node)
@@ -91,7 +91,7 @@ def test_grid_without_an_origin_is_centred_at_zero(tmp_path):
         ({"scale": (1e-5, 1e-5)}, "if these are degrees"),
     ],
 )
-def test_unusable_geotiffs_are_rejected_with_the_fix(tmp_path, keys, message):
+def test_unusable_geotiffs_are_rejected_with_a_remedy(tmp_path, keys, message):
     values = grid() - grid()[0, 0]
     with pytest.raises(ScenarioError, match=f"terrain.file: dem.tif: .*{message}") as caught:
         load_scenario("straight_line", {"terrain": {"kind": "heightmap", "file": tiff(tmp_path, values, **keys)}})

@@ -95,7 +95,7 @@ def test_heights_outside_the_grid_equal_the_heights_at_its_border(x, y):
     assert not ROUGH.covers(x, y)
 
 
-def test_grid_extent_and_coverage_are_correct():
+def test_extent_and_coverage_of_a_height_grid_are_correct():
     assert ROUGH.extent == pytest.approx((-3.0, 2.6, 2.0, 5.5))
     assert ROUGH.covers(-3.0, 2.0)
     assert ROUGH.covers(2.5, 5.4)

@@ -57,7 +57,7 @@ def test_all_16_bits_of_an_image_heightmap_are_read(tmp_path):
     assert 1e5 * ground.heights == pytest.approx(np.array([[65534, 65535], [0, 1]]))
 
 
-def test_esri_grids_may_be_rectangular_wrapped_and_in_capitals(tmp_path):
+def test_esri_grid_may_be_rectangular_with_wrapped_rows_and_capitals(tmp_path):
     values = np.arange(8.0).reshape(2, 4) / 10
     head = "NCOLS 4\nNROWS 2\nXLLCENTER 0\nYLLCENTER 0\nDX 3\nDY 3\n"
     (tmp_path / "strip.ASC").write_text(head + "\n".join(f"{v:g}" for v in values.ravel()))
@@ -66,7 +66,7 @@ def test_esri_grids_may_be_rectangular_wrapped_and_in_capitals(tmp_path):
     assert ground.heights == pytest.approx(values[::-1])
 
 
-def test_rectangular_array_without_the_rectangular_key_is_rejected(tmp_path):
+def test_rectangular_array_heightmap_needs_the_rectangular_key(tmp_path):
     np.save(tmp_path / "strip.npy", np.zeros((2, 5), dtype=np.int16))
     with pytest.raises(
         ValueError, match=r"^file: strip\.npy: the grid has 2 rows and 5 columns; set rectangular = true"
@@ -218,7 +218,7 @@ def lay(folder, name, content):
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_error_for_an_invalid_heightmap_names_the_file_and_the_fix(tmp_path, name, recwarn):
+def test_error_for_an_invalid_heightmap_names_the_file_and_a_remedy(tmp_path, name, recwarn):
     content, what = BAD[name]
     lay(tmp_path, name, content)
     (tmp_path / "field.toml").write_text(f'[terrain]\nkind = "heightmap"\nfile = "{name}"\n')

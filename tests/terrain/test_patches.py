@@ -24,7 +24,7 @@ def friction(surface, x, y):
     return surface_at(surface, x, y)[0]
 
 
-def test_every_patch_shape_is_tested():
+def test_patch_tests_include_every_patch_shape():
     assert {patch.model_fields["kind"].default for patch in every(GroundPatch)} == {
         "rectangle",
         "circle",
@@ -33,7 +33,7 @@ def test_every_patch_shape_is_tested():
     }
 
 
-def test_polygon_patch_may_be_concave_and_in_either_order():
+def test_polygon_patch_may_be_concave_with_corners_in_either_order():
     for points in (U_SHAPE, U_SHAPE[::-1], U_SHAPE[3:] + U_SHAPE[:3], (*U_SHAPE, U_SHAPE[0])):
         surface = surface_of(PolygonPatch(points=points, friction=0.5))
         for x, y in ((1.0, 5.0), (5.0, 5.0), (3.0, 1.0)):
@@ -82,7 +82,7 @@ def test_image_patch_maps_grey_to_friction_and_soil_with_north_up(tmp_path, whit
     assert surface_at(surface, 5.9, 0.0) == (1.0, 0.0)
 
 
-def test_image_patch_keeps_its_aspect_ratio_and_a_constant_value(tmp_path):
+def test_image_patch_keeps_its_aspect_ratio_and_a_constant_friction(tmp_path):
     patch = picture(tmp_path, np.array([[0, 255, 7, 9], [1, 2, 3, 4]], dtype=np.uint8), width_m=20.0, friction=0.7)
     assert patch.bounds() == (-10.0, 10.0, -5.0, 5.0)
     surface = surface_of(patch)
@@ -97,7 +97,7 @@ def test_changed_patch_image_is_read_again(tmp_path):
     assert friction(terrain.ground().surface, 0, 0) == pytest.approx(0.8)
 
 
-def test_last_of_several_overlapping_patches_applies():
+def test_last_of_several_overlapping_patches_determines_the_ground():
     wet, dry = CirclePatch(friction=0.5, cone_index_kpa=500.0), CirclePatch(radius_m=2.0, friction=0.9)
     assert surface_at(surface_of(wet, dry), 0.3, 0.3) == (0.9, 0.0)
     assert surface_at(surface_of(dry, wet), 0.3, 0.3) == (0.5, 5e5)

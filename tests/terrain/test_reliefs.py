@@ -62,7 +62,7 @@ def wheel_heights(terrain, seconds, speed=0.4, tyre=MagicFormula()):
     return np.array(seen)
 
 
-def test_wheels_crossing_furrows_follow_their_depth_and_spacing():
+def test_wheels_crossing_furrows_move_with_furrow_depth_and_spacing():
     depth, spacing = 0.08, 2.2
     seen = wheel_heights(Ridges(depth_m=depth, spacing_m=spacing, half_size_m=20.0, node_m=0.1), 25.0)
     for wheel in range(4):
@@ -205,7 +205,7 @@ def test_ground_adds_no_energy_to_the_tractor(tyre, profile, speed, x):
     assert energy_beyond_the_engines_work(plant, truth, speed, 4.0) <= 0.0
 
 
-def test_ground_that_does_positive_work_is_detected():
+def test_energy_check_detects_ground_that_does_positive_work():
     plant, truth = mujoco_plant(MagicFormula(), STEEP["sine"], tick_s=DT)
     plant.tyred.tyres.damping[:] *= -1
     assert energy_beyond_the_engines_work(plant, truth, 1.5, 4.0) > 10.0

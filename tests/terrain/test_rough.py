@@ -28,7 +28,7 @@ def by_octave(profiles, spacing, low, high, segment):
 
 
 @pytest.mark.parametrize("iso_class", ROUGHNESS)
-def test_every_roughness_class_has_its_roughness_value(iso_class):
+def test_rough_ground_of_every_class_has_the_iso_8608_spectrum(iso_class):
     heights = Rough(iso_class=iso_class, half_size_m=30.0, node_m=NODE_M).ground().heights
     for profiles in (heights[:-1, :-1], heights[:-1, :-1].T):
         n, measured = periodogram(profiles, 1 / NODE_M, detrend=False)
@@ -47,7 +47,7 @@ def test_welch_spectrum_of_rough_ground_matches_its_class(axis, seed):
     assert ratios == pytest.approx(1.0, abs=0.1)
 
 
-def test_roughness_spectrum_along_diagonals_is_the_same():
+def test_roughness_spectrum_along_diagonals_equals_that_along_axes():
     heights, root = FIELD.ground().heights, np.sqrt(2.0)
     length = heights.shape[0] * 3 // 4
     diagonals = [np.diagonal(h, k)[:length] for h in (heights, heights[:, ::-1]) for k in range(-300, 301, 5)]
@@ -57,7 +57,7 @@ def test_roughness_spectrum_along_diagonals_is_the_same():
 
 
 @pytest.mark.parametrize("angle_deg", [20.0, 45.0, 110.0])
-def test_roughness_along_any_line_has_the_spectrum_of_its_class(angle_deg):
+def test_heights_along_any_line_have_the_spectrum_of_their_class(angle_deg):
     ground = FIELD.ground()
     nodes = ground.x0 + ground.spacing * np.arange(ground.heights.shape[0])
     between = RegularGridInterpolator((nodes, nodes), ground.heights)
@@ -77,7 +77,7 @@ def test_roughness_spectrum_vanishes_at_the_nyquist_wave_number():
     assert measured.mean(axis=0)[n > 4.2].max() < 1e-3 * class_spectrum(4.2)
 
 
-def test_coarse_grid_keeps_the_roughness_below_its_wave_number_limit():
+def test_coarse_grid_keeps_roughness_below_its_maximum_wave_number():
     heights = Rough(iso_class="D", half_size_m=100.0, node_m=0.5).ground().heights[:-1, :-1]
     n, measured = periodogram(heights, 2.0, detrend=False)
     band = (n > 0) & (n <= 0.35 / 0.5)
@@ -92,7 +92,7 @@ def test_rough_ground_heights_are_nearly_gaussian():
     assert ((slopes - slopes.mean()) ** 4).mean() / slopes.var() ** 2 == pytest.approx(3.0, abs=0.2)
 
 
-def test_two_dimensional_spectrum_equals_the_closed_form_below_roll_off():
+def test_two_dimensional_spectrum_equals_the_closed_form_of_a_power_law():
     """For the power law alone the inverse Abel transform is G_d(n_0) n_0^2 / (4 k^3)."""
     k = np.array([0.01, 0.1, 1.0])
     assert plane_spectrum(k, 256e-6, 1e4) == pytest.approx(256e-6 * 0.01 / (4 * k**3), rel=1e-3)

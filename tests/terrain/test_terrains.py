@@ -50,13 +50,13 @@ def test_terrain_grid_is_finite_centred_and_has_square_cells(kind):
 
 
 @pytest.mark.parametrize("kind", TERRAINS)
-def test_terrain_is_reproducible(kind):
+def test_terrain_is_the_same_for_equal_settings_and_seeds(kind):
     first = kind().relief().heights
     assert np.array_equal(first, kind().relief().heights)
 
 
 @pytest.mark.parametrize("kind", [kind for kind in TERRAINS if "seed" in kind.model_fields])
-def test_another_seed_gives_a_different_field_with_equal_statistics(kind):
+def test_another_seed_gives_different_heights_with_equal_statistics(kind):
     keys = {"layout": "scattered", "count": 40} if kind is Bumps else {}
     one, other = (small(kind, **{**keys, "seed": seed}).ground().heights for seed in (1, 2))
     assert not np.allclose(one, other, atol=1e-3)
@@ -95,7 +95,7 @@ def test_run_in_area_is_level_and_blends_into_the_relief(kind):
 
 
 @pytest.mark.parametrize("kind", GENERATED)
-def test_too_many_nodes_are_rejected_with_valid_values(kind):
+def test_terrain_with_too_many_nodes_is_rejected_with_valid_values(kind):
     with pytest.raises(
         ValueError, match=r"^node_m: 3201 x 3201 nodes are more than 4200000; set node_m to .*"
     ) as error:
@@ -107,7 +107,7 @@ def test_too_many_nodes_are_rejected_with_valid_values(kind):
     assert 48.0 < half <= 52.0
 
 
-def test_suggested_node_spacing_resolves_the_furrows():
+def test_node_spacing_suggested_in_an_error_resolves_the_furrows():
     with pytest.raises(ValueError, match=r"^node_m: 6401 x 6401 nodes are more than 4200000; set half_size_m to 51$"):
         Ridges(half_size_m=160.0, node_m=0.05).ground()
 
@@ -134,7 +134,7 @@ def test_error_for_an_impossible_relief_names_the_key(terrain, key):
 SIZED = [kind for kind in TERRAINS if "size_m" in kind.model_fields]
 
 
-def test_every_terrain_not_read_from_a_file_has_a_size():
+def test_every_terrain_kind_not_read_from_a_file_has_size_keys():
     assert {kind for kind in TERRAINS if kind is not Heightmap} == set(SIZED)
 
 
@@ -211,7 +211,7 @@ def test_resolved_scenario_keeps_its_rectangular_terrain(tmp_path):
     assert log.metrics["outcome"] == "completed"
 
 
-def test_rectangle_with_too_many_nodes_is_rejected_with_a_valid_size():
+def test_rectangular_terrain_with_too_many_nodes_suggests_a_valid_size():
     with pytest.raises(ValueError, match=r"set node_m to 0.076 or size_m to \[190, 52\]$"):
         Rough(size_m=(300.0, 80.0), node_m=0.05).ground()
     for fits in (Rough(size_m=(300.0, 80.0), node_m=0.076), Rough(size_m=(190.0, 52.0), node_m=0.05)):
@@ -257,7 +257,7 @@ def test_one_second_of_extreme_driving_gives_no_physics_warning(kind, tyre):
 
 @pytest.mark.parametrize("terrain", [Rough(half_size_m=20, iso_class="E"), Ridges(half_size_m=20, depth_m=0.1)])
 @pytest.mark.parametrize("yaw", [0.0, 0.7])
-def test_tractor_starts_on_its_wheels_anywhere_on_the_terrain(terrain, yaw):
+def test_tractor_starts_on_all_wheels_at_any_position_of_a_terrain(terrain, yaw):
     """Placed on the plane below its wheels, it settles without a jump on whatever relief is there."""
     for x in (0.0, 0.3, 0.61, 5.2):
         plant, truth = mujoco_plant(MagicFormula(), terrain, start=Reference(x, 1.0, 0.0, 0.0, yaw, 0.0))

@@ -57,7 +57,7 @@ def test_moisture_reduces_soil_strength_and_friction_together():
     assert logs[0].std() == pytest.approx(0.02 * 2.0, rel=0.25)
 
 
-def test_soil_variations_depend_only_on_the_seed_and_are_independent():
+def test_soil_variations_depend_only_on_the_seed_and_differ_per_property():
     a, b, other = (surface_of(cone_index_kpa=900.0, cone_index_spread=0.3, seed=s) for s in (1, 1, 2))
     assert np.array_equal(a.cone_index, b.cone_index)
     assert not np.allclose(a.cone_index, other.cone_index)
@@ -127,6 +127,6 @@ def test_rolling_resistance_equals_that_of_the_named_surface(surface):
     assert drag(MagicFormula(), surface) == pytest.approx(NAMED[surface].rolling_resistance * weight, rel=0.08)
 
 
-def test_soil_tyres_use_the_cone_index_but_their_own_rolling_resistance():
+def test_soil_tyres_use_the_cone_index_but_not_the_ground_resistance():
     by_name, by_number = drag(Soil(), "sand"), drag(Soil(cone_index_kpa=450.0), None)
     assert by_name == pytest.approx(by_number, rel=0.05)
