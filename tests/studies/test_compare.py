@@ -62,7 +62,7 @@ def test_variant_option_is_parsed_into_a_name_and_toml_values():
         (f"{'x' * 61}: a=1", "at most 60"),
     ],
 )
-def test_an_invalid_variant_is_reported(text, message):
+def test_invalid_variant_option_is_reported(text, message):
     with pytest.raises(ScenarioError, match="--variant") as caught:
         variants([text])
     assert message in str(caught.value)
@@ -89,7 +89,7 @@ def test_default_comparison_uses_the_controllers_of_the_paper(circle):
     assert [case.scenario.seed for case in found.cases] == [1, 2, 1, 2]
 
 
-def test_guidance_laws_are_compared_with_controllers(circle):
+def test_guidance_laws_and_yaw_rate_controllers_can_be_compared_together(circle):
     assert laws(planned(circle, guidance=["lqr", "stanley"])) == ["lqr", "stanley"]
     found = planned(circle, controllers=["pd", "pi"], guidance=["lqr"])
     assert [(c.law, c.controller, c.scenario.guidance.kind) for c in found.cases] == [
@@ -106,13 +106,13 @@ def test_controllers_are_combined_only_with_laws_that_use_a_controller(circle):
     assert laws(planned(circle, guidance=["feedforward"])) == ["feedforward"]
 
 
-def test_a_law_without_a_controller_is_run_once(circle):
+def test_law_without_a_controller_is_compared_in_one_run(circle):
     stanley = circle.changed({"guidance.kind": "stanley"})
     (case,) = planned(stanley, controllers=["pd", "pi"]).cases
     assert (case.law, case.controller, case.folder) == ("stanley", None, "bicycle-stanley-s1")
 
 
-def test_each_law_drives_each_machine_variant(circle):
+def test_each_law_is_simulated_with_each_machine_variant(circle):
     found = planned(circle, "worn: steering.valve.dead_band_v=0.8", "new:", controllers=["pd"], guidance=["lqr"])
     assert laws(found) == ["worn, pd", "worn, lqr", "new, pd", "new, lqr"]
     assert [case.scenario.steering.valve.dead_band_v for case in found.cases][:2] == [0.8, 0.8]
@@ -127,7 +127,7 @@ def test_variant_of_a_law_is_compared_with_the_other_laws(circle):
     assert found.cases[1].scenario.seed == circle.seed
 
 
-def test_special_characters_in_names_give_safe_distinct_folders(circle):
+def test_folder_names_of_runs_with_special_characters_are_safe_and_unique(circle):
     found = planned(circle, "a/b:", "A b:", "../..:", "Höhe 5 %:", "坡:")
     folders = [case.folder for case in found.cases]
     expected = ["bicycle-a_b-s1", "bicycle-A_b-2-s1", "bicycle-unnamed-s1", "bicycle-Hohe_5-s1", "bicycle-unnamed-2-s1"]
@@ -150,14 +150,14 @@ def test_special_characters_in_names_give_safe_distinct_folders(circle):
         ([], {"seeds": 3, "most": 5}, "add --max-runs 6"),
     ],
 )
-def test_impossible_runs_are_reported_before_any_run(circle, texts, options, message):
+def test_invalid_runs_of_a_comparison_are_reported_before_any_run(circle, texts, options, message):
     with pytest.raises(ScenarioError) as caught:
         planned(circle, *texts, **options)
     assert message in str(caught.value)
     assert not texts or "--variant" in str(caught.value)
 
 
-def test_maximum_number_of_runs_can_be_increased(circle):
+def test_maximum_number_of_compared_runs_can_be_increased(circle):
     (option,) = (each for each in get_command(app).commands["compare"].params if each.name == "max_runs")
     assert option.default == MOST_RUNS
     assert len(planned(circle, seeds=3, most=6).cases) == 6
@@ -178,7 +178,7 @@ def test_law_is_skipped_on_a_plant_that_does_not_support_it():
 # --- runs ---------------------------------------------------------------------------------------------------------
 
 
-def test_laws_without_a_yaw_rate_cascade_have_rows_and_figures(circle, tmp_path):
+def test_laws_without_a_yaw_rate_controller_have_table_rows_and_figures(circle, tmp_path):
     found = planned(circle, r"_$a$ | \é: guidance.kind=lqr", controllers=["pd"], guidance=["stanley"], seeds=2)
     rows = compare(found, tmp_path, jobs=1)
     assert rows == json.loads((tmp_path / "comparison.json").read_text())
@@ -194,7 +194,7 @@ def test_laws_without_a_yaw_rate_cascade_have_rows_and_figures(circle, tmp_path)
     assert (tmp_path / "comparison.rrd").stat().st_size > 1000
 
 
-def test_yaw_rate_figure_is_omitted_without_a_yaw_rate_law(circle, tmp_path):
+def test_yaw_rate_figure_is_omitted_without_a_yaw_rate_controller(circle, tmp_path):
     found = planned(circle, guidance=["stanley", "pure_pursuit"])
     found.recorded = False
     compare(found, tmp_path, jobs=1)

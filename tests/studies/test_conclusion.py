@@ -11,7 +11,7 @@ def row(plant, law, seed, mse, **changed):
     return {"plant": plant, "folder": f"{plant}-{law}-s{seed}", "seed": seed, **end, **changed}
 
 
-def test_best_law_of_each_plant_is_named():
+def test_conclusion_names_the_best_law_of_each_plant():
     rows = [
         row("bicycle", "pd", 1, 0.2),
         row("bicycle", "net", 1, 0.05),
@@ -25,7 +25,7 @@ def test_best_law_of_each_plant_is_named():
     ]
 
 
-def test_law_that_is_not_best_in_every_seed_is_not_named():
+def test_conclusion_names_no_law_that_is_not_best_for_every_seed():
     rows = [
         row("mujoco", "pd", 1, 0.4),
         row("mujoco", "pd", 2, 0.1),
@@ -36,9 +36,9 @@ def test_law_that_is_not_best_in_every_seed_is_not_named():
 
 
 @pytest.mark.parametrize("changed", [{"outcome": "stuck", "expected": False}, {"piece": 1}])
-def test_failed_or_partial_runs_have_no_conclusion(changed):
+def test_comparison_with_failed_or_partial_runs_has_no_conclusion(changed):
     assert conclusion([row("mujoco", "pd", 1, 0.4), row("mujoco", "net", 1, 0.1, **changed)]) == []
 
 
-def test_single_law_has_no_conclusion():
+def test_comparison_of_a_single_law_has_no_conclusion():
     assert conclusion([row("mujoco", "pd", 1, 0.4), row("bicycle", "pd", 1, 0.4)]) == []

@@ -40,19 +40,19 @@ def test_ranking_dominated_by_guidance_errors_has_no_remark(cases):
     assert remarks(cases) == []
 
 
-def test_estimate_warnings_are_counted_over_all_cases():
+def test_estimator_consistency_warnings_are_counted_over_all_cases():
     cases = {"a": [row(0.01, 0.05, estimate_warning=WARNING), row(0.01, 0.05)], "b": [row(0.01, 0.05)]}
     assert remarks(cases) == [f"in 1 of 3 runs {WARNING}"]
     cases["b"].append(row(0.01, 0.05, estimate_warning="another"))
     assert remarks(cases) == [f"in 2 of 4 runs, the first: {WARNING}"]
 
 
-def test_nees_column_is_filled_only_with_an_estimate_warning():
+def test_nees_column_is_filled_only_if_a_run_has_an_estimator_warning():
     assert mean_nees([row(), row(position_nees=100.0)]) == ""
     assert mean_nees([row(estimate_warning=WARNING), row(position_nees=100.0)]) == pytest.approx(200.0)
 
 
-def test_estimate_warnings_are_read_from_a_table_file(tmp_path):
+def test_estimator_consistency_warnings_are_read_from_a_table_file(tmp_path):
     table = tmp_path / "sweep.parquet"
     assert table_warnings(table) == []
     pq.write_table(pa.table({"seed": [1, 2]}), table)

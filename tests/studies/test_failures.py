@@ -22,7 +22,7 @@ def compared(call, plugin, *more):
     return call("compare", "lane_change", *laws, *AWAY, "--no-rrd", "--out", "out", *more)
 
 
-def test_driving_laws_rank_above_a_stationary_law(call, plugin, tmp_path):
+def test_laws_that_drive_rank_above_a_law_that_stands_still(call, plugin, tmp_path):
     status, out, err = compared(call, plugin, "--seeds", 2)
     still = plugin[1]
     assert status == 1
@@ -70,7 +70,7 @@ def test_run_stopped_by_the_supervisor_is_not_ranked_best(call, tmp_path):
     assert page.index("<td>bicycle: free") < page.index("<td>bicycle: tight")
 
 
-def test_errors_over_different_path_sections_are_not_compared(call, tmp_path):
+def test_tracking_errors_on_different_path_sections_are_not_compared(call, tmp_path):
     variants = ("--variant", "slow: path.speed_m_s=0.6", "--variant", "long: duration_s=12")
     same = ("--variant", "as it is: title=x", "--variant", "noisy: sensors.gnss.sigma_m=0.03")
     common = ("--guidance", "lqr", "--plants", "bicycle", "--no-rrd", "--out", "out")
@@ -84,7 +84,7 @@ def test_errors_over_different_path_sections_are_not_compared(call, tmp_path):
     assert page.count("<h2>Ranking on segment") == 3
 
 
-def test_sweep_shows_no_tracking_errors_for_stationary_runs(call, plugin, tmp_path):
+def test_sweep_table_has_no_tracking_errors_of_stationary_runs(call, plugin, tmp_path):
     file, still = plugin
     (tmp_path / "mine.toml").write_text(
         f'base = "lane_change"\n[set]\nduration_s = 9\n"plant.kind" = "bicycle"\n[axes]\n'

@@ -61,7 +61,7 @@ def test_error_lists_the_first_of_many_unknown_keys(file, tmp_path):
     assert len(message) < LONGEST_TEXT
 
 
-def test_message_lists_all_errors_up_to_its_limit(tmp_path):
+def test_error_message_lists_all_errors_up_to_a_limit(tmp_path):
     keys = "".join(f"wheelbas_{k} = 2\n" for k in range(MOST_FAULTS))
     (tmp_path / "s.toml").write_text(f"[tractor]\n{keys}", encoding="utf-8")
     with pytest.raises(ScenarioError) as error:
@@ -74,7 +74,7 @@ def test_message_lists_all_errors_up_to_its_limit(tmp_path):
     ("text", "lines"),
     [("\n".join(["short"] * 5000), MOST_LINES + 1), ("\n".join(["x" * 9000] * 50), None), ("y" * 10**6, 1)],
 )
-def test_error_message_length_is_limited(text, lines):
+def test_length_of_an_error_message_is_limited(text, lines):
     found = str(ScenarioError(text))
     assert len(found) <= LONGEST_TEXT
     assert lines is None or len(found.split("\n")) == lines

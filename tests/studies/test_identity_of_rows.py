@@ -66,7 +66,7 @@ def body(mass):
 MACHINE = {"m_toml": '[tractor]\nmjcf = "parts/b.xml"\n', "mine_toml": 'machine = "m.toml"\n[path]\nkind = "line"\n'}
 
 
-def test_run_is_repeated_after_editing_the_body_of_a_machine(call, driven, tmp_path):
+def test_sweep_run_is_repeated_after_editing_the_body_of_a_machine(call, driven, tmp_path):
     written(tmp_path, **MACHINE)
     (tmp_path / "parts").mkdir()
     masses = []
@@ -79,7 +79,7 @@ def test_run_is_repeated_after_editing_the_body_of_a_machine(call, driven, tmp_p
     assert masses[2] - masses[0] == pytest.approx(1180.75 - 640.25)
 
 
-def test_run_is_repeated_after_editing_the_machine_file(call, driven, tmp_path):
+def test_sweep_run_is_repeated_after_editing_the_machine_file(call, driven, tmp_path):
     written(tmp_path, m_toml="[tractor]\nmass_kg = 790.0\n", mine_toml='machine = "m.toml"\n[path]\nkind = "line"\n')
     assert call(*COMPARE)[0] == call(*COMPARE)[0] == 0
     assert len(driven) == 1
@@ -145,7 +145,7 @@ def test_run_is_repeated_if_more_output_is_requested(call, driven, tmp_path):
     assert (tmp_path / "out" / "runs" / "00000001" / "signals.parquet").is_file()
 
 
-def test_sweep_runs_with_errors_are_repeated(call, monkeypatch, tmp_path):
+def test_sweep_runs_that_ended_with_an_error_are_repeated(call, monkeypatch, tmp_path):
     written(tmp_path, s_toml='base = "circle"\nseeds = 3\n[set]\nduration_s = 1\n"plant.kind" = "bicycle"\n')
     real = tasks.run
 
@@ -207,7 +207,7 @@ def test_report_rejects_rows_from_different_code_versions(call, tmp_path):
     assert "out: the rows come from different code (" in err
 
 
-def test_runs_of_rows_without_identity_are_repeated(call, driven, tmp_path):
+def test_runs_whose_table_rows_have_no_identity_are_repeated(call, driven, tmp_path):
     written(tmp_path, mine_toml='[path]\nkind = "line"\n')
     call(*COMPARE)
     (row,) = tmp_path.glob("out/rows/*/*.json")
@@ -217,7 +217,7 @@ def test_runs_of_rows_without_identity_are_repeated(call, driven, tmp_path):
 
 
 @pytest.mark.parametrize("edited", ["plug.py", "helping.py", "parts/law.py"])
-def test_run_is_repeated_after_editing_a_plugin(tmp_path, edited):
+def test_sweep_run_is_repeated_after_editing_a_plugin(tmp_path, edited):
     """A plugin file, a module that it imports, and an installed package: in processes of their own."""
     package = tmp_path / "site" / "parts"
     package.mkdir(parents=True)
@@ -257,7 +257,7 @@ def test_run_is_repeated_after_editing_a_plugin(tmp_path, edited):
     assert before != after
 
 
-def test_identity_depends_on_the_order_of_overrides(tmp_path):
+def test_run_identity_depends_on_the_order_of_overrides(tmp_path):
     table, key = ("path", {"kind": "circle", "radius_m": 5.0}), ("path.radius_m", 7.0)
     tasks = [Task("{}", "circle", dict(each)) for each in ((table, key), (key, table))]
     assert len({resume.RowFiles(tmp_path).asked(task).identity for task in tasks}) == 2

@@ -91,7 +91,7 @@ def test_user_defined_texts_are_escaped_in_the_report(folders):
     assert "<h1>Laws &amp; speeds &lt;b&gt;</h1>" in page_of(folders["sweep"])
 
 
-def test_names_cannot_inject_script_tags(tmp_path):
+def test_names_in_a_report_cannot_inject_script_tags(tmp_path):
     """`<!--<script>` in a script keeps it from being closed, so that no chart appears."""
     name = "<!--<script></script>"
     page = Document(name, [name])
@@ -115,7 +115,7 @@ def test_sweep_report_shows_ranking_maps_curves_and_worst_runs(folders):
 
 
 @pytest.mark.parametrize("number", [0, 31])
-def test_command_shown_for_a_point_repeats_its_run(folders, number, monkeypatch, tmp_path):
+def test_command_shown_for_a_point_of_a_chart_repeats_its_run(folders, number, monkeypatch, tmp_path):
     row = pq.read_table(folders["sweep"] / "sweep.parquet").to_pylist()[number]
     command = RerunCommand(folders["sweep"])(row)
     assert json.dumps(command)[1:-1] in page_of(folders["sweep"]).replace("<\\/", "</")
@@ -128,12 +128,12 @@ def test_command_shown_for_a_point_repeats_its_run(folders, number, monkeypatch,
     assert metrics["outcome"] == row["outcome"]
 
 
-def test_values_in_shown_commands_are_valid_toml():
+def test_values_in_commands_shown_in_a_report_are_valid_toml():
     value = [{"kind": "a b", "x": [1, 2.5], "on": True, "inner": {"k": 'quote"'}}]
     assert tomllib.loads(f"v = {toml_value(value)}")["v"] == value
 
 
-def test_folder_without_results_is_reported(tmp_path):
+def test_report_on_a_folder_without_results_is_rejected(tmp_path):
     with pytest.raises(ScenarioError, match="contains no results"):
         write_report(tmp_path)
     with pytest.raises(ScenarioError, match="no such folder"):
@@ -147,7 +147,7 @@ def test_folder_without_results_is_reported(tmp_path):
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", "null", "3", "[" * 3000, '{"laws": 3}', "[3]"])
-def test_damaged_results_file_is_reported(tmp_path, content):
+def test_report_on_a_damaged_results_file_names_the_file(tmp_path, content):
     check_damage(tmp_path, "comparison.json", content)
 
 
@@ -189,7 +189,7 @@ def test_report_renders_in_a_browser_without_errors(folders, kind):
     assert said == []
 
 
-def test_shown_commands_wrap_only_between_options(folders):
+def test_commands_shown_in_a_report_wrap_only_between_options(folders):
     (inside, *_) = re.findall(r"<pre>(<span>.*?)</pre>", page_of(folders["sweep"]))
     parts = re.findall(r"<span>(.*?)</span>", inside)
     assert parts[0].startswith("agrobot-mj run ")
@@ -198,7 +198,7 @@ def test_shown_commands_wrap_only_between_options(folders):
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7, 3.0])
-def test_map_enlarges_cross_track_errors_only(yaw):
+def test_map_in_the_report_enlarges_only_cross_track_errors(yaw):
     """10 cm left of a line of 100 m and 3 m behind, on any heading; at its end the reference stands."""
     s = np.minimum(np.arange(120.0), 100.0)
     forward, left = np.array([np.cos(yaw), np.sin(yaw)]), np.array([-np.sin(yaw), np.cos(yaw)])
@@ -218,7 +218,7 @@ def test_map_enlarges_cross_track_errors_only(yaw):
     assert "larger" not in str(map_of({"lost": lost})[1])
 
 
-def test_law_without_a_success_has_a_success_rate_but_no_error_box():
+def test_law_with_only_failures_has_a_success_rate_but_no_error_box():
     rows = [{"expected": False, "xte_rms": None}, {"expected": False, "xte_rms": 0.1}]
     left, right = ranking([Group("lqr", rows), Group("stanley", rows)]).axes
     assert [label.get_text() for label in left.get_yticklabels()] == ["lqr", "stanley"]
@@ -256,7 +256,7 @@ def test_downsampled_curve_keeps_spikes_and_gaps():
     assert [len(column) for column in thinned(t[:100], y[:100])] == [100, 100]
 
 
-def test_curve_over_a_sampled_parameter_averages_groups_of_runs():
+def test_curve_of_a_sampled_parameter_shows_means_of_groups_of_runs():
     """Single runs at a drawn value differ by all else, too: a line through each would be a zigzag."""
     rows = [
         {"v": 3 * k % 11, "w": k % 2, "outcome": "completed", "expected": True, "xte_rms": 0.01 * (k % 2)}
@@ -271,7 +271,7 @@ def test_curve_over_a_sampled_parameter_averages_groups_of_runs():
     assert [len(trace["x"]) for trace in chart["data"]] == [4, 1]
 
 
-def test_zero_errors_are_plotted_at_zero_and_failed_runs_at_the_top():
+def test_zero_errors_are_plotted_at_zero_and_failures_at_the_top():
     rows = [
         {"run": k, "seed": 1, "v": k, "outcome": outcome, "expected": outcome == "completed", "xte_rms": error}
         for k, (outcome, error) in enumerate([("completed", 0.0), ("completed", 0.02), ("stopped", 0.001)])

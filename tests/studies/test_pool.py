@@ -48,7 +48,7 @@ def test_failure_to_start_workers_is_not_attributed_to_a_run(monkeypatch):
         list(workers.spread(abs, [-1, -2], died=lambda work: 0))
 
 
-def test_error_names_shared_memory_that_cannot_be_written(monkeypatch):
+def test_error_for_shared_memory_that_cannot_be_written_names_it(monkeypatch):
     def refuse(*_, **__):
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
@@ -57,7 +57,7 @@ def test_error_names_shared_memory_that_cannot_be_written(monkeypatch):
         list(pool.spread(abs, [-1, -2], workers=2))
 
 
-def test_first_and_last_item_start_together():
+def test_first_and_last_run_of_a_pool_start_together():
     """They differ most, so that the workers of a comparison compile different kernels at the same time."""
     order = []
 
@@ -73,7 +73,7 @@ def test_first_and_last_item_start_together():
 
 
 @pytest.mark.parametrize(("files", "cores", "begun"), [((), 2, 1), (("run_steps.nbi",), 2, 0), ((), 1, 0)])
-def test_worker_compiles_only_with_an_empty_cache_and_a_free_core(monkeypatch, tmp_path, files, cores, begun):
+def test_background_compilation_needs_an_empty_cache_and_a_free_core(monkeypatch, tmp_path, files, cores, begun):
     submitted, ended = [], []
     for name in files:
         (tmp_path / name).touch()

@@ -149,7 +149,7 @@ def test_enlarged_trajectory_section_shows_the_maximum_error() -> None:
     assert low[1] < y < high[1]
 
 
-def test_control_signals_add_up_and_show_only_network_controllers() -> None:
+def test_control_signal_figure_shows_terms_of_network_controllers_only() -> None:
     figure = report.control_signals(runs(plants=("bicycle",)))
     assert len(figure.axes) == 3
     command, tau_c, tau_n = (figure.axes[0].lines[k].get_ydata() for k in (0, 2, 4))
@@ -157,7 +157,7 @@ def test_control_signals_add_up_and_show_only_network_controllers() -> None:
     assert tau_n == pytest.approx(np.degrees(-0.1))
 
 
-def test_diverged_run_does_not_hide_the_others_in_a_figure(tmp_path: Path) -> None:
+def test_diverged_run_does_not_hide_other_runs_in_a_figure(tmp_path: Path) -> None:
     compared = runs(plants=("mujoco",))
     lost = RunLog(CIRCLE, 0.1, "pd_t2fnn", end_s=12.0)
     lost.columns["e_lateral"][-20:] = np.geomspace(1, 1e30, 20)
@@ -204,7 +204,7 @@ def test_missing_values_are_shown_as_dashes() -> None:
     assert "nn 1" not in cells(table([row("mujoco", "pd", 0.5) | {"nn_share": [0.0, 0.0]}]))[0]
 
 
-def test_small_errors_are_shown_with_significant_digits() -> None:
+def test_small_errors_in_the_table_have_three_significant_digits() -> None:
     assert cells(table([row("mujoco", "pd", 1.2345e-5)]))[2][3] == "1.23e-05"
     assert cells(table([row("mujoco", "pd", 3.456e-4)]))[2][3] == "0.000346"
 
@@ -216,13 +216,13 @@ def test_table_of_a_single_lap_path_has_no_lap_columns() -> None:
     assert "turn 1" in cells(table([hedge, row("mujoco", "pd", 0.5)]))[0]
 
 
-def test_controller_column_is_shown_if_any_run_has_a_controller() -> None:
+def test_controller_column_is_in_the_table_if_any_run_has_a_controller() -> None:
     law = row("mujoco", "pd", 0.5) | {"controller": None, "guidance": "lqr"}
     assert "controller" not in cells(table([law, law | {"guidance": "stanley"}]))[0]
     assert "controller" in cells(table([law, row("mujoco", "pd", 0.5) | {"guidance": "kinematic"}]))[0]
 
 
-def test_legend_explains_exactly_the_columns_shown() -> None:
+def test_legend_of_the_table_explains_exactly_its_columns() -> None:
     text = table([row("mujoco", "pd_isgn", None, turns=1), row("mujoco", "pd", 3e7, turns=0)])
     assert [line.partition("  ")[0] for line in legend(text)] == cells(text)[0][3:]
 

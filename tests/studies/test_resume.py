@@ -19,7 +19,7 @@ def test_interrupted_comparison_resumes(call, driven, undrawn, tmp_path):
     check_resuming(call, driven, tmp_path, COMPARE, "comparison.json", 3)
 
 
-def test_comparison_repeats_runs_that_changed_or_were_lost(call, driven, undrawn, tmp_path):
+def test_resumed_comparison_repeats_changed_or_lost_runs(call, driven, undrawn, tmp_path):
     call(*("lqr" if word == "stanley,lqr" else word for word in COMPARE), "--no-rrd")
     assert len(driven) == 2
     call(*COMPARE, "--no-rrd")

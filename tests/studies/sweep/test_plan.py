@@ -56,7 +56,7 @@ set = { "guidance.kind" = "lqr", "steering.valve.dead_band_v" = 0.8 }
 """
 
 
-def test_every_combination_of_axis_values_is_a_run(plan):
+def test_sweep_has_one_run_per_combination_of_axis_values(plan):
     found = plan(EXAMPLE)
     found.check()
     runs = list(found.runs())
@@ -71,7 +71,7 @@ def test_every_combination_of_axis_values_is_a_run(plan):
     assert last == load_scenario("side_slope", {"duration_s": 60, **runs[-1].overrides})
 
 
-def test_sampled_values_differ_per_run_unless_paired(plan):
+def test_sampled_values_differ_between_runs_unless_they_are_paired(plan):
     masses = [run.parameters["tractor.mass_kg"] for run in plan(EXAMPLE).runs()]
     assert len(set(masses)) == 160
     assert 650 <= min(masses) < 670 < 830 < max(masses) <= 850
@@ -90,7 +90,7 @@ def test_sampled_values_depend_only_on_the_file_and_its_draw_seed(plan):
 
 
 @pytest.mark.parametrize("method", ["latin_hypercube", "sobol"])
-def test_space_filling_samples_have_one_value_per_slice(plan, method):
+def test_space_filling_samples_have_one_value_per_equal_interval(plan, method):
     found = plan(f"""
 base = "side_slope"
 samples = 16
@@ -103,7 +103,7 @@ method = "{method}"
         assert sorted(np.floor([run.parameters[key] for run in found.runs()])) == list(range(16))
 
 
-def test_a_kind_is_applied_before_its_keys(plan):
+def test_override_of_a_kind_is_applied_before_overrides_of_its_keys(plan):
     found = plan("""
 base = "figure_eight"
 [axes]
@@ -115,7 +115,7 @@ base = "figure_eight"
 
 
 @pytest.mark.parametrize("seeds", ["0", "true", "100000000000000000000"])
-def test_number_of_seeds_that_overflows_is_rejected(plan, seeds):
+def test_invalid_or_excessive_number_of_seeds_is_rejected(plan, seeds):
     assert "seeds: must be a number of runs from 1" in faults(plan, f'base = "circle"\nseeds = {seeds}\n')[0]
 
 
@@ -170,7 +170,7 @@ seeds = 5
     assert found[6:] == ["  plant.kind=bicycle, terrain.kind=slope, path.speed_m_s=1.0"]
 
 
-def test_key_given_in_two_places_of_a_sweep_is_rejected(plan):
+def test_key_specified_in_two_parts_of_a_sweep_is_rejected(plan):
     text = EXAMPLE.replace('"steering.valve.dead_band_v" = 0.8', '"tractor.mass_kg" = 700.0, "terrain.grade_deg" = 3')
     found = faults(plan, text)
     assert found == [
@@ -188,13 +188,13 @@ def test_key_given_in_two_places_of_a_sweep_is_rejected(plan):
         ('[[variant]]\nname = "a"\nset = { seed = 4 }\n', "variant 'a': seed: has no effect; set seeds"),
     ],
 )
-def test_duplicate_runs_are_rejected(plan, text, message):
+def test_sweep_with_duplicate_runs_is_rejected(plan, text, message):
     with pytest.raises(ScenarioError) as caught:
         plan(f'base = "circle"\n{text}')
     assert message in str(caught.value)
 
 
-def test_sweep_of_a_billion_runs_is_counted_and_rejected(plan):
+def test_sweep_of_a_billion_runs_is_rejected_with_its_number_of_runs(plan):
     axis = "{ from = 1.0, to = 2.0, count = 1000 }"
     keys = ("path.speed_m_s", "tractor.mass_kg", "terrain.grade_deg")
     text = 'base = "side_slope"\n[axes]\n' + "\n".join(f'"{key}" = {axis}' for key in keys)
@@ -206,7 +206,7 @@ def test_sweep_of_a_billion_runs_is_counted_and_rejected(plan):
     plan(text).check_size(10**9)
 
 
-def test_axis_of_a_billion_values_is_not_stored(plan):
+def test_axis_of_a_billion_values_is_not_stored_in_memory(plan):
     found = plan('base = "side_slope"\n[axes]\n"path.speed_m_s" = { from = 1.0, to = 2.0, count = 1000000001 }')
     assert found.run(500_000_000).parameters == {"path.speed_m_s": 1.5}
 
@@ -265,7 +265,7 @@ def test_impossible_tractors_are_reported_before_any_run(plan):
 
 
 @pytest.mark.parametrize("number", ["9" * 5000, "0x" + "f" * 5000], ids=["decimal", "hexadecimal"])
-def test_number_with_thousands_of_digits_is_reported(plan, number):
+def test_number_with_thousands_of_digits_in_a_sweep_is_reported(plan, number):
     with pytest.raises(ScenarioError) as told:
         plan(f'base = "circle"\n[axes]\n"path.radius_m" = [{number}]')
     assert str(told.value).startswith("mine.toml: ")
@@ -277,7 +277,7 @@ VARIANT = '[[variant]]\nname = "a"\nset = { "path.radius_m" = 15 }\n'
 
 
 @pytest.mark.parametrize("changes", [DRAW, VARIANT], ids=["draw", "variant"])
-def test_table_override_is_applied_before_its_keys(plan, changes):
+def test_override_of_a_table_is_applied_before_overrides_of_its_keys(plan, changes):
     axis = '[axes]\npath = [{ kind = "circle", radius_m = 11 }, { kind = "figure_eight", radius_m = 12 }]\n'
     found = plan(f'base = "circle"\n{axis}{changes}')
     for run in found.runs():

@@ -102,7 +102,7 @@ def test_row_contains_the_parameters_and_metrics_of_its_run(serial):
 
 
 @pytest.mark.parametrize("apart", [True, False])
-def test_two_merged_shards_give_the_same_table(serial, file, tmp_path, call, apart):
+def test_two_merged_shards_give_the_same_table_as_one_sweep(serial, file, tmp_path, call, apart):
     folders = [tmp_path / "a", tmp_path / ("b" if apart else "a")]
     for k, folder in enumerate(folders, 1):
         status, _, _ = call(file, "--shard", f"{k}/2", "--jobs", 1, "--out", folder)
@@ -118,14 +118,14 @@ def test_two_merged_shards_give_the_same_table(serial, file, tmp_path, call, apa
         assert table(folders[0]).equals(table(serial))
 
 
-def test_resolved_sweep_file_gives_the_same_table(serial, tmp_path):
+def test_sweep_of_the_resolved_sweep_file_gives_the_same_table(serial, tmp_path):
     run_sweep(serial / "sweep.toml", tmp_path / "again", SweepOptions(jobs=1, quiet=True))
     assert table(tmp_path / "again").equals(table(serial))
     assert run_sweep(serial / "sweep.toml", serial, SweepOptions(jobs=1, quiet=True)).new == 0
 
 
 @pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_dask_gives_the_same_table(serial, file, tmp_path, workers):
+def test_sweep_executed_with_dask_gives_the_same_table(serial, file, tmp_path, workers):
     distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'agrobot-mj[cluster]'")
     options = {
         "n_workers": workers,
@@ -140,7 +140,7 @@ def test_dask_gives_the_same_table(serial, file, tmp_path, workers):
     assert table(tmp_path / "out").equals(table(serial))
 
 
-def test_unreachable_dask_scheduler_is_reported_and_nothing_is_lost(file, tmp_path, call, monkeypatch):
+def test_unreachable_dask_scheduler_is_reported_without_loss_of_results(file, tmp_path, call, monkeypatch):
     monkeypatch.setattr(workers, "PATIENCE_S", 2)
     pytest.importorskip("distributed", reason="Dask is not installed: pip install 'agrobot-mj[cluster]'")
     call(file, "--shard", "1/4", "--jobs", 1, "--out", tmp_path / "out")
@@ -222,7 +222,7 @@ def test_changed_sweep_file_runs_only_new_combinations(serial, file, tmp_path, c
     assert (folder / "notes.txt").exists()
 
 
-def test_runs_are_repeated_after_a_data_file_changes(tmp_path, call):
+def test_sweep_runs_are_repeated_after_a_change_of_their_data_file(tmp_path, call):
     (tmp_path / "route.csv").write_text("x_m,y_m\n0,0\n10,0\n20,1\n")
     text = 'base = "figure_eight"\n[set]\nduration_s = 1\n"plant.kind" = "bicycle"\n'
     text += 'path = { kind = "waypoints", file = "route.csv" }\n'
@@ -267,7 +267,7 @@ expected_outcome = "completed"
 """
 
 
-def test_run_that_raises_an_error_is_recorded_and_workers_load_plugins(tmp_path):
+def test_failed_run_is_recorded_and_worker_processes_load_plugins(tmp_path):
     """In processes of their own, since one of the runs ends its process."""
     (tmp_path / "nasty.py").write_text(PLUGIN)
     (tmp_path / "mine.toml").write_text(NASTY)
@@ -286,7 +286,7 @@ def test_run_that_raises_an_error_is_recorded_and_workers_load_plugins(tmp_path)
     assert again.stderr.startswith("out: rows with another identity are run again: 3 with other plugins\n")
 
 
-def test_a_full_disk_is_reported_and_the_command_resumes(serial, file, tmp_path, call, monkeypatch):
+def test_sweep_on_a_full_disk_is_reported_and_can_be_resumed(serial, file, tmp_path, call, monkeypatch):
     folder, real, room = tmp_path / "out", resume.write_json, [7]
 
     def write(path, content):
@@ -306,7 +306,7 @@ def test_a_full_disk_is_reported_and_the_command_resumes(serial, file, tmp_path,
     assert table(folder).equals(table(serial))
 
 
-def test_sweep_keeps_the_files_requested_by_keep(tmp_path):
+def test_sweep_keeps_the_run_files_selected_by_the_keep_key(tmp_path):
     text = 'base = "figure_eight"\nkeep = "KEEP"\n[set]\nduration_s = 1\n"plant.kind" = "bicycle"\n'
     text += '[[variant]]\nname = "a"\n[[variant]]\nname = "b"\nset = { expected_outcome = "stuck" }\n'
     files = {"signals.parquet", "metrics.json", "scenario.toml"}
@@ -328,7 +328,7 @@ def test_sweep_keeps_the_files_requested_by_keep(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["0/2", "3/2", "1", "a/b"])
-def test_an_invalid_shard_is_reported(call, file, text):
+def test_invalid_shard_option_of_a_sweep_is_reported(call, file, text):
     status, _, err = call(file, "--shard", text)
     assert (status, err) == (2, f"--shard {text}: must have the form PART/PARTS, from 1/4 to 4/4 for 4 parts\n")
 
@@ -427,7 +427,7 @@ def _written(path, text):
     return path
 
 
-def test_two_thousand_finished_runs_are_not_repeated(tmp_path, call):
+def test_resumed_sweep_does_not_repeat_two_thousand_finished_runs(tmp_path, call):
     short = '[set]\nduration_s = 1\n"plant.kind" = "bicycle"\n'
     text = f'base = "figure_eight"\n{short}[axes]\n"path.speed_m_s" = {{ from = 0.5, to = 1.5, count = 2000 }}\n'
     (tmp_path / "mine.toml").write_text(text)
