@@ -47,7 +47,7 @@ def test_yielded_soil_is_elastic_below_its_yield_pressure():
 
 
 @pytest.mark.parametrize(("least", "more"), [(0.9, False), (0.6, False), (0.3, True), (0.0, True)])
-def test_load_oscillation_below_half_amplitude_is_not_a_new_pass(least, more):
+def test_load_oscillation_by_less_than_half_is_not_counted_as_a_pass(least, more):
     """A hundred swings between the yield pressure and a share of it; whole ones sink N^(1/a) times as deep."""
     cell = load_cell(SOIL, K, E, 1.0, 0.02, FRESH)
     first = cell.sinkage
@@ -61,7 +61,7 @@ def test_load_oscillation_below_half_amplitude_is_not_a_new_pass(least, more):
         assert cell.sinkage / first == pytest.approx(101 ** (1 / SOIL.multipass), rel=0.02)
 
 
-def test_soil_cell_in_the_store_yields_like_a_single_cell():
+def test_stored_soil_cell_yields_like_a_single_soil_cell():
     """Loaded, unloaded and loaded again, each time against the state that it was left in."""
     cells, at, cell = np.zeros((3, TILE, TILE, VALUES)), (2, 5, 7), FRESH
     for depth in (0.01, 0.02, 0.012, 0.021, 0.03):
@@ -87,7 +87,7 @@ def frame(slope_x, slope_y, yaw):
 
 @pytest.mark.parametrize("slip", [0.0, 0.4, 2.0])
 @pytest.mark.parametrize(("slopes", "yaw"), [((0.0, 0.0), 0.0), ((0.0, 0.0), 0.7), ((0.3, -0.2), -2.1)])
-def test_soil_force_is_the_sum_over_all_cells(slopes, yaw, slip):
+def test_soil_force_on_a_tyre_is_the_sum_over_all_ground_cells(slopes, yaw, slip):
     """Every cell of the plane of the ground under the tread, whatever its slope and the heading."""
     memory, d, c, R, r_c = with_soil_memory(plane(0.0, 0.0, 2.0), SOIL).memory, 0.03, SOIL.cell, REAR.radius, REAR.crown
     n, forward, left = frame(*slopes, yaw)

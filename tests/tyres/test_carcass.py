@@ -53,7 +53,7 @@ def test_relaxation_length_is_slip_stiffness_divided_by_carcass_stiffness(tyre):
 
 
 @pytest.mark.parametrize("tyre", TYRES, ids=lambda tyre: tyre.kind)
-def test_steady_state_force_is_independent_of_the_carcass(tyre):
+def test_steady_state_tyre_force_is_independent_of_carcass_stiffness(tyre):
     plain = tyre.model_copy(update={"carcass_lateral": 0.2, "carcass_longitudinal": 0.3})
     for motion in ((1.0, 0.1, 1.0), (1.0, 0.0, 1.2), (1.0, 0.4, 0.3), (0.5, 0.1, 2.0)):
         stiff, soft = (forces(each, *motion, 12_000)[-1] for each in (tyre, plain))
@@ -61,7 +61,7 @@ def test_steady_state_force_is_independent_of_the_carcass(tyre):
 
 
 @pytest.mark.parametrize("end", [0, 1], ids=["front", "rear"])
-def test_stiffness_per_area_times_tread_volume_equals_the_static_load(end):
+def test_carcass_stiffness_per_area_reproduces_the_static_load(end):
     """A plane cuts pi/2 times depth and half axes off a paraboloid, and 4/3 of depth and half length off a cylinder."""
     R, b, k = np.array(
         [

@@ -36,7 +36,7 @@ FURROWS = {
 
 @pytest.mark.parametrize("radius", [0.28, 0.42])
 @pytest.mark.parametrize("name", FURROWS)
-def test_wheel_height_equals_the_height_of_a_rigid_circle(name, radius):
+def test_wheel_height_on_uneven_ground_equals_that_of_a_rigid_circle(name, radius):
     ground = FURROWS[name].ground()
     places = np.linspace(-1.0, 1.0, 61)
     got = np.array([stand(ground, radius, x)[0] for x in places])
@@ -197,7 +197,7 @@ def thrust(ground, radius, way, axle, load=1000.0, stiffness=1.4e5):
 @pytest.mark.parametrize("lean", [0.0, 0.1])
 @pytest.mark.parametrize("radius", [0.28, 0.42])
 @pytest.mark.parametrize("name", EDGES)
-def test_closed_loop_over_uneven_ground_yields_no_energy(name, radius, lean):
+def test_closed_path_of_a_wheel_on_uneven_ground_gains_no_energy(name, radius, lean):
     """Over any ground, kinks included: to 0.05 % of load times way, of which half is the loop's discretisation."""
     t = np.linspace(0.0, 2 * np.pi, 1501)
     loop = np.column_stack([1.3 * np.cos(t) + 0.3, 0.9 * np.sin(t) + 0.2])

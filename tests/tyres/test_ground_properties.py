@@ -59,7 +59,7 @@ def resisting(tyre):
 
 
 @pytest.mark.parametrize("law", [MagicFormula, Soil])
-def test_lower_friction_increases_friction_use(law):
+def test_lower_ground_friction_increases_the_used_friction_fraction(law):
     dry, wet = (steady(law(), on, slip_x=0.03) for on in (Flat().ground(), ground(friction=0.5)))
     assert wet[FRICTION_USE] > 1.5 * dry[FRICTION_USE]
     assert dry[FRICTION_USE] > 0.1

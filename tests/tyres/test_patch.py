@@ -187,7 +187,7 @@ def test_wheel_at_rest_resists_displacement_like_a_spring():
 # --- wrench -------------------------------------------------------------------------------------------------------
 
 
-def test_freely_rolling_wheel_has_only_its_vertical_load():
+def test_only_the_vertical_load_acts_on_a_freely_rolling_wheel():
     wheel = Wheel()
     report = wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (1.2, 0.0, 0.0), (0.0, 1.2 / r_e(0.02), 0.0), 500)
     assert report == pytest.approx(np.array([TYRE.stiffness * 0.02, 0, 0, 0, 0, 0]), abs=1e-9)
@@ -196,7 +196,7 @@ def test_freely_rolling_wheel_has_only_its_vertical_load():
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("height", [0.43, 0.4200001, 5.0])
-def test_airborne_wheel_has_no_force_and_resets_its_bristle(law, height):
+def test_airborne_wheel_has_no_force_and_no_bristle_deflection(law, height):
     wheel = Wheel(law())
     wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (1.0, 0.3, 0.0), (0.0, 0.0, 0.2), 100)
     assert wheel.bristle[:2].all()

@@ -48,7 +48,7 @@ def test_rut_walls_exert_a_side_force_on_a_wheel():
     assert abs(press(SOIL, REAR, field(), (0.5, 0.0, 0.0), LEVEL, 0.05, 0.0).edge) < 60.0
 
 
-def test_wheel_above_a_deeper_rut_has_no_load():
+def test_wheel_above_a_rut_deeper_than_the_tyre_reaches_has_no_load():
     memory = field()
     rolled(memory, 0.06)
     assert press(SOIL, REAR, memory, (0.5, 0.0, 0.0), LEVEL, 0.02, 0.0).load == 0.0
