@@ -95,7 +95,7 @@ def test_extensions_do_not_import_each_other(name):
         assert [each for each in others if not f"{each}.".startswith(f"{own}.")] == [], file
 
 
-def test_core_does_not_name_any_kind_of_an_extension():
+def test_code_outside_extensions_names_no_kind_of_an_extension():
     entries = [entry for entry in installed("plugins") if entry.module.startswith("agrobot_mj.extensions.")]
     kinds = [kind.model_fields["kind"].default for entry in entries for kind in entry.load()]
     assert "learned_feedforward" in kinds or "learners" not in EXTENSIONS
@@ -113,7 +113,7 @@ def test_each_folder_imports_only_from_folders_listed_before_it(part):
     assert not above
 
 
-def test_controllers_import_neither_the_truth_nor_the_simulator():
+def test_controllers_import_neither_true_state_nor_simulator_modules():
     for part in ("control", "estimation"):
         for file in files_of(part):
             assert not {name for name in imported(file) if name.endswith(".Truth")}, file

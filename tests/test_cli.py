@@ -78,7 +78,7 @@ HEAVY = ("mujoco", "numba", "filterpy", "pyarrow", "rerun", "matplotlib", "scipy
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["list"], ["run", "--help"]])
-def test_commands_without_the_simulator_do_not_import_it(elsewhere, arguments):
+def test_commands_that_do_not_simulate_do_not_import_the_simulator(elsewhere, arguments):
     modules = modules_after(elsewhere, *arguments)
     assert "agrobot_mj.cli.runs" in modules
     assert not modules & set(HEAVY)
@@ -120,7 +120,7 @@ def test_shell_completion_offers_commands_and_scenarios(monkeypatch, elsewhere):
 # --- help for writing scenarios -----------------------------------------------------------------------------------
 
 
-def test_kinds_keys_and_json_schema_can_be_printed(call):
+def test_list_explain_and_schema_commands_print_their_output(call):
     status, out, err = call("list", "--kinds")
     assert (status, err) == (0, "")
     assert any(line.split()[:2] == ["plant.tyre", "soil"] for line in out.splitlines())
@@ -191,7 +191,7 @@ def test_second_run_into_the_same_folder_replaces_the_files(call):
     assert pq.read_table("here/signals.parquet").num_rows == 20
 
 
-def test_override_values_are_toml_or_bare_words(call):
+def test_override_values_may_be_toml_or_words_without_quotes(call):
     given = ("path.kind=circle", 'path.direction="right"', "path.radius_m = 6", "title=a = b")
     sets = [word for text in given for word in ("--set", text)]
     assert call("run", "straight_line", *QUICK, *sets, "--out", "out")[0] == 0
@@ -254,7 +254,7 @@ def test_unexpected_outcome_gives_exit_status_1_and_keeps_the_files(call, outcom
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_signal_aborts_a_run_and_keeps_its_files(call, monkeypatch, number):
+def test_signal_to_the_process_aborts_a_run_and_keeps_its_files(call, monkeypatch, number):
     def not_handled(*_):
         raise AssertionError("the run did not take the signal")
 
@@ -354,7 +354,7 @@ def test_invalid_input_gives_exit_status_2_and_one_message(call, elsewhere, argu
 
 
 @pytest.mark.parametrize("command", [("view", "--web"), ("snapshot",)])
-def test_recording_for_an_older_viewer_states_the_viewer_version(call, elsewhere, command):
+def test_error_for_a_recording_of_an_older_viewer_states_both_versions(call, elsewhere, command):
     (elsewhere / "old.rrd").write_bytes(b"RRF2" + bytes([0, 22, 1, 0]) + bytes(100))
     status, out, err = call(*command, "old.rrd")
     assert (status, out) == (2, "")
@@ -378,7 +378,7 @@ def test_invalid_output_folder_is_reported_before_the_run(call, monkeypatch, els
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere there is always a display")
-def test_error_of_view_without_a_display_names_alternatives(call, monkeypatch, elsewhere):
+def test_view_command_without_a_display_names_alternatives(call, monkeypatch, elsewhere):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     (elsewhere / "run.rrd").write_bytes(b"RRF2")
@@ -408,7 +408,7 @@ def test_error_for_a_missing_extra_gives_the_install_command(call, monkeypatch, 
 # --- compare ------------------------------------------------------------------------------------------------------
 
 
-def test_comparison_of_one_run_writes_folder_rows_and_figures(call):
+def test_comparison_of_one_run_writes_folder_table_and_figures(call):
     arguments = ("--controllers", "pd", "--plants", "bicycle", "--no-rrd", "--set", "duration_s=3", "--out", "cmp")
     status, out, err = call("compare", "circle", *arguments)
     assert (status, err) == (0, "")
@@ -428,7 +428,7 @@ def test_comparison_with_a_failed_run_gives_exit_status_1(call, undrawn):
     assert json.loads(Path("cmp/comparison.json").read_text())[0]["outcome"] == "left_terrain"
 
 
-def test_unsupported_plants_are_skipped_unless_specified(call, undrawn):
+def test_plants_unsupported_by_a_scenario_are_skipped_unless_specified(call, undrawn):
     arguments = ("side_slope_5", "--controllers", "pd", "--no-rrd", "--set", "duration_s=1", "--out", "cmp")
     status, out, err = call("compare", *arguments)
     assert status == 0

@@ -17,7 +17,7 @@ LEAST_S = 300
 @pytest.mark.parametrize(
     "line", ["    assert time.perf_counter() - began < 5", "assert 0.04 < time.monotonic() - began < 0.5"]
 )
-def test_assertions_on_maximum_wall_time_are_found(line):
+def test_check_finds_assertions_on_a_maximum_wall_time(line):
     assert LIMIT.search(line)
     assert not LIMIT.search("assert time.perf_counter() - began > 2.9")
 

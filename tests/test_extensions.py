@@ -84,7 +84,7 @@ def commands(names):
 
 
 @pytest.mark.parametrize("names", [*([name] for name in NAMES), NAMES], ids=" ".join)
-def test_package_works_without_any_of_its_extensions(names, tmp_path):
+def test_package_works_after_removal_of_any_extension(names, tmp_path):
     place = copied_without(names, tmp_path / "copy", "agrobot_mj", "models", "scenarios")
     short = ("--set", "duration_s=0.2", "--set", "plant.kind=bicycle", "--no-rrd", "--out", tmp_path / "out")
     code = EVERY_COMMAND + EVERY_MODULE
@@ -98,7 +98,7 @@ def test_package_works_without_any_of_its_extensions(names, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("names", [*([name] for name in NAMES), NAMES], ids=" ".join)
-def test_checks_and_tests_pass_without_any_of_the_extensions(names, tmp_path):
+def test_checks_and_tests_pass_after_removal_of_any_extension(names, tmp_path):
     place = copied_without(names, tmp_path / "copy")
     subprocess.run(["git", "init", "-q"], cwd=place, check=True)
     subprocess.run(["git", "add", "-A"], cwd=place, check=True)

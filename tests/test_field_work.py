@@ -38,6 +38,6 @@ def test_run_on_a_field_of_one_hectare_completes(controller: str, p95: float, tu
     assert_worked(worked(controller, turn=turn, count=50), 50, p95)
 
 
-def test_only_field_paths_have_a_pass_to_pass_error() -> None:
+def test_only_runs_on_field_paths_have_a_pass_to_pass_error() -> None:
     log = run(resolve({"duration_s": 2.0, "path": {"kind": "sinusoid"}}, "waves"))
     assert "iso_12188_2_style" not in log.metrics

@@ -34,7 +34,7 @@ def test_mean_over_surviving_runs_is_marked_and_not_ranked():
     assert estimate([nan, nan]).text() == estimate([nan]).short() == "failed"
 
 
-def test_error_ratio_pairs_seeds_and_counts_failed_runs():
+def test_error_ratio_is_a_mean_over_paired_seeds_and_counts_failures():
     one = [row(1.0, 1), row(4.0, 2), row(9.0, 3, "diverged"), row(9.0, 4)]
     other = [row(2.0, 2), row(2.0, 1), row(1.0, 3)]
     found = ratio(by_seed(one, lambda r: r["v"]), by_seed(other, lambda r: r["v"]))
@@ -51,13 +51,13 @@ def plan_of(sweep):
         yield {"variant": run.variant, "seed": run.seed, **shown}
 
 
-def test_every_run_used_for_the_claims_is_unique():
+def test_no_run_used_for_the_claims_is_listed_twice():
     cells = [(row["study"], row["plant"], row["law"], row["x"], row["seed"]) for row in world()]
     assert len(set(cells)) == len(cells) == 475
     assert {row["study"] for row in world()} == set(claims.STUDIES)
 
 
-def test_q_statistics_are_computed_per_lap():
+def test_statistics_of_network_parameter_q_are_computed_per_lap():
     q = np.array([0.5, 1.0, 1.0, 0.0, 0.0, 0.0, 0.25])
     turns = [np.arange(7) < 4, np.arange(7) >= 4]
     found = claims.q_numbers(q, turns)
@@ -101,7 +101,7 @@ def test_claims_are_confirmed_if_only_the_network_satisfies_them():
     assert found[5] == "qualified"  # no law minds the soil there
 
 
-def test_type_2_claim_is_evaluated_by_the_documented_rule():
+def test_claim_on_type_2_network_is_evaluated_by_the_documented_rule():
     """Better in every case, with type 1 at a larger alpha better as well: qualified, however the noise changes it."""
     for strong in (0.7, 0.95):  # gains more under strong noise, or less
         gains = {claims.T2: lambda s, strong=strong: strong if s > 0.1 else 0.9, claims.FASTER: lambda s: 0.9}
@@ -115,7 +115,7 @@ def test_type_2_claim_is_evaluated_by_the_documented_rule():
     assert verdicts(world(errors=EQUAL))[4] == "refuted"
 
 
-def test_claim_is_qualified_if_a_null_model_gives_the_same_result():
+def test_claim_is_qualified_if_it_also_holds_for_a_null_model():
     assert verdicts(world(errors={**BETTER, "pd_isgn": 0.5}))[0] == "qualified"
 
 
@@ -124,7 +124,7 @@ def test_claims_without_any_support_are_refuted():
     assert verdicts(rows)[:5] == ["refuted"] * 5
 
 
-def test_claim_figures_have_every_law_and_the_table_every_claim(tmp_path):
+def test_claim_figures_show_every_law_and_the_table_lists_every_claim(tmp_path):
     rows = world()
     assert claims.claims_table(rows).count("\n| ") == 6
     left, right = figures.drawn(figures.panels(claims.Claims(rows))["better"]).axes[:2]
@@ -151,7 +151,7 @@ def test_every_part_of_the_findings_states_version_and_commit():
     assert set(re.findall(r"STUDY=(\w+)", text)) == set(findings.PARTS)
 
 
-def test_guidance_laws_are_compared_by_means_and_per_seed():
+def test_guidance_laws_are_compared_by_mean_errors_and_per_seed():
     values = {"a": {1: 2.0, 2: 2.2, 3: nan}, "b": {1: 1.0, 2: 1.0, 3: 1.0}}
     columns, pairs = {"level": values, "soil": {"b": {1: 3.0}}}, [("a", "b"), ("a", "c")]
     means, differences = compared_tables(columns, pairs).split("\n\n")
@@ -174,7 +174,7 @@ def controllers(seeds, **offsets):
     ]
 
 
-def test_law_ranks_follow_paired_differences_with_ties():
+def test_ranks_of_laws_follow_paired_differences_and_may_be_tied():
     first = ranking.by_ground(controllers(range(1, 21), good=0.0, fair=0.002, bad=0.03))
     assert list(first) == ["soil, slope 10"]
     assert ranking.ranks(first["soil, slope 10"]) == {"good": 1, "fair": 2, "bad": 3}

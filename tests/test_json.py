@@ -30,7 +30,7 @@ def test_json_page_lists_every_command_with_json_output():
 
 
 @pytest.mark.parametrize("what", ["scenarios", "sweeps", "machines"])
-def test_json_list_has_the_names_and_titles_of_the_text_output(asked, call, what):
+def test_json_output_of_list_has_names_and_titles_of_the_text_output(asked, call, what):
     option = () if what == "scenarios" else (f"--{what}",)
     rows = asked("list", *option)[0][what]
     assert [line.split(maxsplit=1) for line in call("list", *option)[1].splitlines()] == [
@@ -59,7 +59,7 @@ def test_json_output_of_a_run_agrees_with_its_files_and_text(asked, call):
     assert parts.startswith(f"{100 * found['metrics']['xte_rms']:.1f} cm cross-track: ")
 
 
-def test_estimate_warning_is_in_text_output_and_json_hints(asked, call):
+def test_estimator_consistency_warning_is_in_text_and_json_output(asked, call):
     slope = ("run", "side_slope_10", "--no-rrd", "--set", "duration_s=6", "--set", "physics=fast", "--out", "slope")
     found, _ = asked(*slope)
     warning = f"side_slope_10: {found['metrics']['estimate_warning']}"
@@ -87,7 +87,7 @@ def test_json_output_contains_an_unexpected_outcome_and_hints(asked):
         (("explain", "tractor"), "--json"),
     ],
 )
-def test_invalid_input_is_reported_on_stdout_and_stderr(asked, arguments, words):
+def test_invalid_input_is_reported_in_json_on_stdout_and_as_text_on_stderr(asked, arguments, words):
     found, err = asked(*arguments)
     assert found["exit_status"] == 2
     assert words in found["error"]
@@ -129,12 +129,12 @@ def test_quiet_json_command_prints_only_the_json_document(call):
     assert json.loads(out)["outcome"] == "completed"
 
 
-def test_plugin_output_does_not_corrupt_the_json_document(asked):
+def test_text_printed_by_a_plugin_does_not_corrupt_the_json_document(asked):
     Path("loud.py").write_text("print('hello')\n")
     assert asked("list", "--plugin", "loud.py")[0]["scenarios"]
 
 
-def test_output_of_other_processes_goes_to_stderr(capfd):
+def test_output_of_child_processes_is_written_to_stderr(capfd):
     with _stdout_to_stderr():
         os.system("echo a worker")
         print("this process")

@@ -38,7 +38,7 @@ def test_shipped_scenario_completes_or_ends_as_expected(name):
 
 
 @pytest.mark.parametrize("name", ["reverse_into_row", pytest.param("headland_k_turn", marks=pytest.mark.slow)])
-def test_tractor_stops_at_cusps_and_drives_on(name):
+def test_tractor_stops_at_each_cusp_and_continues(name):
     """Where the command falls faster than the tractor, which is no overspeed."""
     check(run(load_scenario(name)))
 

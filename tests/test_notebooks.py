@@ -36,7 +36,7 @@ def test_notebook_with_a_custom_law_runs(tmp_path, full):
 
 
 @pytest.mark.parametrize("name", BOOKS)
-def test_notebook_is_clean_and_ends_with_links(name):
+def test_notebook_file_has_no_outputs_and_ends_with_links(name):
     book = BOOKS[name]
     assert (book["nbformat"], book["nbformat_minor"]) == (4, 5)
     assert len({cell["id"] for cell in book["cells"]}) == len(book["cells"])

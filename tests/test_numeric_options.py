@@ -34,7 +34,7 @@ def test_no_numeric_option_accepts_nan(call, command, option, text):
     assert (status, f"'{option}'" in err) == (2, True), err
 
 
-def test_numeric_options_of_the_commands_are_found():
+def test_check_finds_the_numeric_options_of_all_commands():
     known = {("limit", "--tolerance"), ("limit", "--confidence"), ("risk", "--least"), ("link", "--wait")}
     known |= {("twin", "--to"), ("twin", "--from"), ("twin", "--share")}
     assert {each for each in known if is_there(each[0])} <= set(REAL)

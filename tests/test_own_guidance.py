@@ -38,7 +38,7 @@ def test_steering_board_maps_full_lock_to_the_stops():
     assert readings == pytest.approx([RIGHT, RIGHT, CENTRE, LEFT, LEFT])
 
 
-def test_motor_is_off_in_the_dead_band_and_above_minimum_power_outside():
+def test_motor_is_off_in_the_dead_band_and_above_a_minimum_outside():
     drives = [Board().drive(error) for error in (10.0, -10.0, 11.0, -11.0, 200.0, 400.0)]
     assert drives == [0.0, 0.0, 150.0, -150.0, 200.0, 255.0]
     assert [Board().voltage(error) for error in (0.0, 400.0, -400.0)] == [6.0, 12.0, 0.0]
@@ -51,7 +51,7 @@ def test_calibrated_board_measures_true_steering_angles():
     assert degrees(Board().bias(STRAIGHT)) == pytest.approx(15.0 / 250.0 * degrees(LARGEST))
 
 
-def test_law_steers_to_the_first_waypoint_outside_its_radius():
+def test_pure_pursuit_steers_to_the_first_waypoint_outside_its_radius():
     pursuit, angle = Pursuit(line(10.0)).after(0.0, -0.5, 0.0)
     assert pursuit.waypoints[pursuit.index, 0] == pytest.approx(1.96), "hypot(1.96, 0.5) > 2"
     assert angle == pytest.approx(np.arctan(2 * 1.27 * 0.5 / 4.0))
@@ -60,7 +60,7 @@ def test_law_steers_to_the_first_waypoint_outside_its_radius():
 
 @pytest.mark.parametrize(("straight", "heading"), [(432.0, 0.0), (432.0, 1.0), (470.0, 0.0), (400.0, -1.0)])
 @pytest.mark.parametrize("lookahead", [2.0, 3.0])
-def test_steady_state_offset_equals_the_offset_without_slip(straight, heading, lookahead):
+def test_analytic_steady_state_offset_agrees_with_a_kinematic_bicycle(straight, heading, lookahead):
     """Against a bicycle that is driven until it has settled; waypoints up to one step beyond the reach blur it."""
     pursuit, board, dt = Pursuit(line(120.0, 0.1, lookahead)), Board(), 0.05
     x = y = yaw = 0.0
@@ -80,7 +80,7 @@ def machine():
 
 
 @pytest.mark.parametrize("straight", [447.0, 400.0])
-def test_tractor_stays_within_the_dead_band_around_the_steady_offset(machine, straight):
+def test_tractor_stays_near_the_steady_offset_within_the_dead_band(machine, straight):
     found = Loop(machine, straight, SCALE).run(0.5, 1, LEVEL).middle
     expected = steady_offset(Board().bias(straight), 0.0)
     assert found.left / 100 == pytest.approx(expected, abs=PLAY)
@@ -92,7 +92,7 @@ def test_board_with_the_correct_sensor_scale_stays_on_the_line(machine):
     assert abs(found.left) / 100 < PLAY < steady_offset(Board().bias(400.0), 0.0)
 
 
-def test_gate_stops_a_tractor_without_fix_unless_its_last_fix_was_rtk(machine):
+def test_loss_of_fixes_stops_the_tractor_unless_its_last_fix_was_rtk(machine):
     """A silent receiver whose last words were an RTK fix is believed."""
     ways = {}
     for name in ("position silent for 37 s, last fix of quality 2", "position silent for 37 s, last fix RTK"):

@@ -99,7 +99,7 @@ def test_readme_links_in_a_release_point_to_its_repository(tmp_path):
     assert all(target.startswith(bases[0]) for target in targets if target.endswith((".jpg", ".gif", ".png")))
 
 
-def test_release_uploads_the_output_folders_of_make():
+def test_release_workflow_uploads_the_output_folders_of_make():
     jobs = WORKFLOWS["release"]["jobs"]
     for job, verb, place in (("dist", "dist-check", "dist"), ("site", "docs", "site")):
         steps = jobs[job]["steps"]
@@ -109,7 +109,7 @@ def test_release_uploads_the_output_folders_of_make():
         assert f"{place}/" in (ROOT / ".gitignore").read_text("utf-8").replace("/site", "site").split()
 
 
-def test_release_states_the_url_of_its_repository(tmp_path):
+def test_release_workflow_sets_the_url_of_its_repository(tmp_path):
     (command,) = (s["run"] for s in WORKFLOWS["release"]["jobs"]["dist"]["steps"] if "pyproject" in s.get("run", ""))
     copy = shutil.copy(ROOT / "pyproject.toml", tmp_path)
     where = {"GITHUB_SERVER_URL": "https://example.org", "GITHUB_REPOSITORY": "a/b"}
@@ -141,7 +141,7 @@ def demo(image):
     return dry.stdout
 
 
-def test_docker_image_installs_and_runs_its_demo(image, demo):
+def test_docker_image_commands_install_the_package_and_run_its_demo(image, demo):
     """In a virtual environment that finds the packages of this one, so that nothing is downloaded; a short drive."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | {"PIP_NO_INDEX": "1"}
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", ".venv"], cwd=image, check=True)
@@ -208,7 +208,7 @@ def test_install_page_lists_every_dependency_and_extra():
     assert listed == needed | set(PROJECT["optional-dependencies"])
 
 
-def test_paper_is_short_and_has_the_required_sections():
+def test_paper_is_below_its_word_limit_and_has_the_required_sections():
     head, text = (ROOT / "paper.md").read_text("utf-8").removeprefix("---\n").split("\n---\n", 1)
     about = yaml.safe_load(head)
     assert [author["name"] for author in about["authors"]] == [author["name"] for author in PROJECT["authors"]]

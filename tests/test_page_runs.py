@@ -19,7 +19,7 @@ def study(folder, *options):
     return sweeps.Study("verb", ["one", "other"], ["part"], None, given)
 
 
-def test_parameter_grid_is_run_once_and_keeps_its_signals(tmp_path, monkeypatch):
+def test_runs_of_a_parameter_grid_are_computed_once_with_their_signals(tmp_path, monkeypatch):
     pages = study(tmp_path, *TRIAL)
     (row,) = pages.rows("printed", "learning_printed")
     kept = pages.kept("printed", row)
@@ -71,7 +71,7 @@ def test_results_page_states_version_and_commit(tmp_path, monkeypatch):
         pages.write("part", {"c": "new"})
 
 
-def test_error_names_an_unknown_part_of_a_page(tmp_path, capsys):
+def test_error_for_an_unknown_part_of_a_page_names_the_part(tmp_path, capsys):
     with pytest.raises(SystemExit):
         study(tmp_path, "parts")
     assert "parts: unknown part (known: part" in capsys.readouterr().err

@@ -26,7 +26,7 @@ def left_behind(plant):
 
 
 @pytest.mark.parametrize("tyre", [Ruts(), MagicFormula()], ids=lambda tyre: tyre.kind)
-def test_every_benchmark_round_starts_and_ends_in_the_same_state(tyre):
+def test_every_benchmark_round_starts_from_the_same_state(tyre):
     """Without restored soil the ruts deepen and each round takes longer than the previous one."""
     plant = bench.moving(tyre, bench.rough_ground(100), settle_s=0.5)
     start = plant.save()
@@ -37,7 +37,7 @@ def test_every_benchmark_round_starts_and_ends_in_the_same_state(tyre):
         assert np.array_equal(one, other)
 
 
-def test_performance_ratio_is_tick_time_divided_by_bare_step_time(monkeypatch):
+def test_performance_ratio_is_tick_time_divided_by_mujoco_step_time(monkeypatch):
     """A clock that counts what is called: a tick is told by the plant, a step by MuJoCo."""
     plant, spent = bench.moving(MagicFormula(), bench.rough_ground(100), settle_s=0.5), [0]
     tick, step = plant.step_through, mujoco.mj_step
@@ -97,7 +97,7 @@ def test_tumbling_tractor_has_equal_contacts_without_visual_geoms(implement, nat
     assert np.array_equal(v, v_too)
 
 
-def test_drawn_benchmark_model_with_an_implement_is_rejected():
+def test_benchmark_of_the_drawn_model_rejects_an_implement():
     bare = bench.BareModel(load_scenario("plough", {"duration_s": 1.0}))
     with pytest.raises(TypeError, match="without an implement"):
         bare.as_drawn()

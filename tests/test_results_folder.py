@@ -90,7 +90,7 @@ def test_half_written_files_of_a_killed_study_are_removed(call):
     assert [name for name in mine if not Path("out", name).exists()] == []
 
 
-def test_killed_second_run_leaves_no_signals_of_the_first():
+def test_second_run_that_is_killed_leaves_no_signals_of_the_first_run():
     class Dies:
         def start(self, scenario, scene, rows):
             raise MemoryError
@@ -145,7 +145,7 @@ def test_operating_system_signals_are_deferred_until_all_files_are_written(call,
     assert names() == FILES
 
 
-def test_interrupted_comparison_is_reported(call, monkeypatch):
+def test_interrupted_comparison_gives_exit_status_130_and_a_message(call, monkeypatch):
     monkeypatch.setattr(tasks, "run", lambda *arguments, **options: os.kill(os.getpid(), signal.SIGTERM))
     status, err = call("compare", "circle", "--controllers", "pd", "--plants", "bicycle", *QUICK)
     assert (status, err) == (130, "interrupted before the end\n")
@@ -307,7 +307,7 @@ def test_results_folder_contains_no_absolute_paths_and_runs_elsewhere(call, own_
     assert Path("../again/signals.parquet").read_bytes() == signals
 
 
-def test_two_data_files_of_equal_name_are_distinguished():
+def test_two_data_files_of_equal_name_are_copied_under_different_names():
     data = {"a": {"file": "/x/f.csv"}, "b": [{"file": "/y/f.csv"}, {"file": "/x/f.csv"}], "c": {"file": "hills.asc"}}
     assert relocate_files(data) == {"f.csv": Path("/x/f.csv"), "f-2.csv": Path("/y/f.csv")}
     assert data == {"a": {"file": "f.csv"}, "b": [{"file": "f-2.csv"}, {"file": "f.csv"}], "c": {"file": "hills.asc"}}

@@ -81,7 +81,7 @@ def tracks(machine, share=1.0):
     assert log.metrics["xte_rms"] < 0.05
 
 
-def test_lqr_keeps_the_largest_machine_on_half_of_its_figure_eight():
+def test_lqr_keeps_the_largest_machine_on_the_first_half_of_figure_eight():
     tracks("row_crop", 0.5)
 
 

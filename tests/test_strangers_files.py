@@ -182,7 +182,7 @@ def test_links_in_a_results_folder_are_not_followed(call, sources, place, name, 
     assert status in (0, 1, 2)
 
 
-def test_folder_marker_that_is_a_link_is_ignored(place):
+def test_results_folder_marker_that_is_a_link_is_ignored(place):
     full(place / "theirs")
     (place / "list").write_text("notes.txt\n")
     (place / "theirs" / MARK).symlink_to(place / "list")
@@ -193,12 +193,12 @@ def test_folder_marker_that_is_a_link_is_ignored(place):
 
 
 @pytest.mark.parametrize("name", ["", ".", "..", "a/b", "/a", "..\\a", "a\nb", "a\0", MARK, 3, None])
-def test_only_plain_file_names_are_accepted_in_the_folder_marker(name):
+def test_only_plain_file_names_in_the_results_folder_marker_are_accepted(name):
     assert not is_bare(name)
     assert is_bare("way.csv")
 
 
-def test_truncated_folder_marker_does_not_block_a_new_run(place):
+def test_truncated_results_folder_marker_does_not_prevent_a_new_run(place):
     (place / "out").mkdir()
     (place / "out" / f".{MARK}.1a2b3c4d.part").write_text(HEAD)
     with results(place / "out"):
@@ -206,7 +206,7 @@ def test_truncated_folder_marker_does_not_block_a_new_run(place):
     assert {path.name for path in (place / "out").iterdir()} == {MARK, "metrics.json"}
 
 
-def test_empty_folder_marker_permits_writing_to_the_folder(call, place):
+def test_empty_results_folder_marker_permits_writing_to_the_folder(call, place):
     full(place / "old")
     arguments = ("run", "circle", *BICYCLE, "--no-rrd", "--out", "old")
     status, _, err = call(*arguments)
@@ -273,7 +273,7 @@ def test_fresh_option_deletes_only_files_of_the_sweep(call, sources, place):
 
 
 @pytest.mark.parametrize("torn", ["{", "{}", "[]", '{"of": {}, "runs": 4, "files": ["../x"]}'])
-def test_truncated_plan_is_reported_and_fresh_option_starts_over(call, sources, place, torn):
+def test_truncated_sweep_plan_is_reported_and_fresh_option_replaces_it(call, sources, place, torn):
     command = ("sweep", sources / "small.toml", "--jobs", 1, "--out", "out", "--quiet")
     assert call(*command)[0] == 0
     (place / "out/plan.json").write_text(torn)

@@ -67,7 +67,7 @@ def test_command_that_needs_an_extra_prints_its_pip_command(lean, tmp_path, argu
     ]
 
 
-def test_other_missing_modules_are_not_explained_by_an_extra():
+def test_error_for_other_missing_modules_names_no_extra():
     assert missing_extra(ModuleNotFoundError("No module named 'mine'", name="mine")) == ""
 
 

@@ -58,7 +58,7 @@ def test_docstrings_contain_no_banned_construction():
     ] == []
 
 
-def test_names_of_tests_are_short():
+def test_names_of_tests_have_at_most_70_characters():
     assert [
         f"{file.relative_to(ROOT)}: {node.name}"
         for file in sorted((ROOT / "tests").rglob("test_*.py"))
