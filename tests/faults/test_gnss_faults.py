@@ -93,7 +93,7 @@ def test_float_offset_changes_after_each_change_of_fix_quality():
 
 
 def test_float_errors_have_a_large_sigma_and_long_correlation_time():
-    """Sigma, share and time of its correlated part are the receiver's own for float."""
+    """Sigma, correlated fraction and correlation time are the values of the receiver for float solutions."""
     gnss, n, lags = Gnss(float_correlation_time_s=2.0), 100_000, np.array([0, 1, 20, 40])
     told = delivered(gnss, n * [NOMINAL._replace(gnss_quality=Quality.FLOAT)])
     for error in np.array([(fix.x - k * TICK_S, fix.y) for k, (fix, _) in enumerate(told)]).T:

@@ -46,7 +46,7 @@ def test_run_with_gnss_loss_completes_without_physics_warnings(log):
 
 
 def test_position_estimate_is_extrapolated_during_the_gnss_loss(log):
-    """It goes on as the filters' speed and the measured steering say."""
+    """The estimate follows the filter speed and the measured steering angle."""
     x, y = log.column("x_hat")[LOST:FOUND], log.column("y_hat")[LOST:FOUND]
     steps = np.hypot(np.diff(x), np.diff(y))
     assert (steps > 0.5 * 1.2 * TICK_S).all()
@@ -83,7 +83,7 @@ def test_ekf_is_overconfident_during_the_gnss_loss(log):
 
 
 def test_steering_rate_never_exceeds_the_maximum_rate_of_the_valve(log):
-    """Whatever the reference does."""
+    """The limit holds for any reference."""
     turned = np.degrees(np.abs(np.diff(log.column("steer"))))
     assert turned[LOST:].max() < valve_rate() * TICK_S
 

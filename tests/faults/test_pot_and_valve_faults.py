@@ -33,7 +33,7 @@ def test_ramped_fault_grows_linearly_to_its_full_size(t, share):
 
 
 def test_steering_sensor_bias_turns_the_wheels_to_the_opposite_side():
-    """The loop holds the reading; so the wheels stand off by the bias."""
+    """The loop controls the measured angle, so the wheels deviate by the bias."""
     steer = {"controller": {"kind": "open_loop", "steer_deg": 10.0, "at_s": 0.0}, "seconds": 30.0}
     log = driven({"kind": "steering_pot_bias", "bias_deg": 3.0, "start_s": 5}, **steer)
     t = log.column("t")

@@ -131,7 +131,8 @@ def test_maximum_flow_is_limited_by_valve_section_and_other_consumers(changes, l
 
 
 def test_flow_of_uncompensated_valve_follows_the_orifice_equation():
-    """Flow as the root of the pressure that is left: half the supply against the motion leaves 71 %, all nothing."""
+    """Flow is proportional to the root of the pressure difference: 71 % with half of the supply pressure opposing, 0
+    with all of it."""
     law, _ = valve_law(Valve(supply_pressure_bar=100.0), DT)
     flow = 0.3 * law.saturation
     assert loaded_flow(law, flow, 0.0) == flow

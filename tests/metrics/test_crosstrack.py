@@ -62,7 +62,7 @@ def test_path_time_is_that_of_the_nearest_reference_point(path: Any) -> None:
 
 @pytest.mark.parametrize("lag", [0.0, 3.0])
 def test_nearest_point_does_not_jump_to_the_neighbouring_swath(lag: float) -> None:
-    """Off by nearly a whole swath, much nearer to the neighbour's line: still the own line counts."""
+    """The tractor is nearly one swath off and closer to the neighbouring line, but its own line is used."""
     path = Swaths(length_m=40, swath_m=1.0, turn_radius_m=2.5)
     for start, end in path.passes_s:
         t = np.arange(start + 2, end - 0.05, 0.05)

@@ -71,7 +71,7 @@ def test_passes_that_are_too_far_apart_have_a_positive_mean_error() -> None:
 
 
 def test_neighbouring_passes_are_compared_at_equal_distances() -> None:
-    """A line bent alike on every pass is no error from pass to pass, though the passes run to and fro."""
+    """An equal bend of every pass is no pass-to-pass error, although the passes alternate in direction."""
     found = judged(Swaths(**SMALL), lambda k, a: 0.004 * a)
     assert found["pass_to_pass_p95_m"] == pytest.approx(0, abs=1e-4)
     assert found["pass_xte_abs_p95_m"] > 0.15

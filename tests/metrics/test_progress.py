@@ -61,7 +61,7 @@ def test_tractor_that_follows_its_path_has_full_progress(path):
 @every_path
 @pytest.mark.parametrize("late_s", [1.0, 3.0])
 def test_lagging_tractor_has_full_progress_except_for_its_lag(path, late_s):
-    """At a cusp, too, what is left of a leg is lost when the reference sets off on the next."""
+    """At a cusp the remaining part of a segment is also lost when the reference starts the next segment."""
     t = ticks(path)
     found = view(path, places(path, t - late_s)).progress
     cusps = {"k": 4, "into a row": 1, "there and back": 2}.get(next(k for k, p in PATHS.items() if p is path), 0)

@@ -60,7 +60,7 @@ def test_fast_physics_setting_uses_shorter_steps_for_light_wheels(machine, step_
 
 
 def test_light_tractor_stays_at_rest_with_the_fast_physics_setting(capsys):
-    """With 5 ms its wheels tremble: 1 mm in 5 s, after a minute without rest."""
+    """With steps of 5 ms its wheels vibrate: 1 mm in 5 s, without coming to rest within a minute."""
     sim = Simulation(load_scenario("straight_line", {**RIDING, "duration_s": 10.0}))
     sim.reset()
     assert capsys.readouterr().err == ""

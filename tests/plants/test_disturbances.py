@@ -205,7 +205,7 @@ def test_implement_pull_also_opposes_the_motion_in_reverse():
 @pytest.mark.parametrize("dt", [0.002, 0.005])
 @pytest.mark.parametrize("pull", [1500.0, 1e5])
 def test_parked_tractor_with_implement_does_not_creep(pull, dt):
-    """Its tyres take over from the soil while that eases, and nothing trembles."""
+    """The tyres take over the load while the soil force relaxes, without vibration."""
     under = Under(NOMINAL._replace(drawbar=pull), terrain=Slope(grade_deg=10, direction_deg=30), dt=dt)
     early = under.wait(5.0)
     speeds = [under.advance().speed for _ in range(200)]
@@ -321,7 +321,7 @@ def test_soft_tyre_has_less_stiffness_and_more_rolling_resistance():
 
 @pytest.mark.parametrize("tyre", every(Tyre))
 def test_zero_disturbances_leave_the_run_bit_identical(tyre):
-    """Also after they have been there: a reset forgets them."""
+    """This includes disturbances that were removed by a reset."""
     nothing = NOMINAL._replace(payload=(), drawbar=0.0, side_force=-0.0, tyre_stiffness=(1.0,) * 4, gnss_latency_s=0.1)
     plain, other = Under(NOMINAL, tyre()), Under(nothing, tyre())
     for under in (plain, other):

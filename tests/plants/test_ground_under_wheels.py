@@ -63,7 +63,7 @@ def test_locked_differential_turns_a_braking_tractor_away_from_the_ice(tyre, sid
 
 @pytest.mark.parametrize("tyre", [MagicFormula(), Soil()], ids=lambda tyre: tyre.kind)
 def test_torque_of_an_open_differential_is_limited_by_the_wheel_on_ice(tyre):
-    """Equal torques: it goes straight, and slowly."""
+    """Both wheels have the same torque, so the tractor moves straight and slowly."""
     split, _ = build(icy(1), tyre)
     dry, _ = build(Flat().ground(), tyre)
     on_ice, free = hold(split, AHEAD, 1.2), hold(dry, AHEAD, 1.2)
@@ -87,7 +87,7 @@ def test_contact_friction_of_each_wheel_is_ground_times_fault_friction():
 
 @pytest.mark.parametrize("grip", [1.0, 0.4])
 def test_contact_tyre_slides_on_a_slope_steeper_than_its_friction_angle(grip):
-    """And reports how much of its friction it uses."""
+    """It also reports the used fraction of its friction."""
     plant, _ = build(Slope(grade_deg=15, direction_deg=0).ground(), Contact(friction=0.6))
     day = NOMINAL._replace(grip=grip)  # 0.24 is less than tan(15 deg) = 0.27
     early, late = hold(plant, REST, 1.0, day), hold(plant, REST, 1.0, day)

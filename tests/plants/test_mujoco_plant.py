@@ -355,7 +355,7 @@ def test_leaving_the_terrain_is_detected():
 
 @pytest.mark.parametrize("wrong", [1e12, np.nan])
 def test_numerical_divergence_ends_the_run(wrong, tmp_path, monkeypatch):
-    """MuJoCo puts the model back to its start by itself then: that must not pass for driving on."""
+    """MuJoCo then resets the model to its initial state, which must not count as continued motion."""
     monkeypatch.chdir(tmp_path)
     plant, _ = linear()
     plant.data.qvel[0] = wrong

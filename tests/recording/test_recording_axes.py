@@ -99,7 +99,7 @@ def test_axis_range_leaves_space_for_a_legend_that_would_cover_curves():
 
 
 def test_stacked_plots_share_one_time_axis():
-    """That with the room of the largest legend, in which all legends then are."""
+    """The axis leaves space for the largest legend of the plots."""
     plot = Plot("own", "Own", "m", ())
     low, roomy = Frame(legend=Corner2D.LeftBottom), Frame(room=0.2)
     assert aligned([(plot, low), (plot, low)]) == [(plot, low)] * 2

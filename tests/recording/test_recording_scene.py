@@ -140,7 +140,7 @@ def test_drawn_reference_of_a_long_run_is_sampled_finely():
 
 
 def test_true_estimated_and_reference_tracks_are_labelled(eight):
-    """Each at a place of its own along the way, so that the names do not lie over each other."""
+    """The labels are at different points along the path so that they do not overlap."""
     assert eight.static("/world/names", "Points3D:labels") == ["reference", "true", "estimated"]
     times, places = eight.column("/world/names", "Points3D:positions")
     np.testing.assert_array_equal(times, np.rint(eight.log.column("t")[::2] * 1e9))

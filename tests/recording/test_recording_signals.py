@@ -220,7 +220,7 @@ def test_reported_column_is_plotted_in_the_unit_for_display(unit, shown, factor)
 
 @pytest.mark.parametrize("broken", [np.nan, np.inf, 1e300])
 def test_recording_of_a_diverged_run_is_readable(short, tmp_path, broken):
-    """From tick 300 on nothing is a number."""
+    """From tick 300 on all values are NaN."""
     for name in short.rows.columns:
         if name != "t":
             short.column(name)[300:] = broken

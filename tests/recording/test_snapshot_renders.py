@@ -117,7 +117,7 @@ def test_viewer_that_fails_to_start_causes_no_traceback(eight, tmp_path, monkeyp
 
 
 def test_slow_viewer_start_is_retried_with_longer_timeouts(eight, tmp_path, monkeypatch):
-    """As on a busy machine; in the end the message names the file, the cause and what to do."""
+    """The final error message names the file, the cause and the remedy."""
     patience = []
 
     def late(process, port, seconds):

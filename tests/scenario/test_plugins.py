@@ -301,7 +301,7 @@ class Own(Stanley):
 
 
 def test_every_command_on_scenarios_or_kinds_accepts_plugins():
-    """All but those of a recording; a verb with an argument that names a scenario cannot lack the option."""
+    """Commands on recordings are excluded. A command with a scenario argument must have the option."""
     verbs = typer.main.get_command(app).commands
     without = {verb for verb, made in verbs.items() if not any("--plugin" in option.opts for option in made.params)}
     assert without == {"view", "snapshot"}

@@ -50,7 +50,7 @@ def test_receiver_under_fully_obstructed_sky_gives_no_solution():
 
 
 def test_gnss_losses_have_the_configured_fraction_and_mean_duration():
-    """A Markov chain of two states: its share, and the mean of its geometric dwells."""
+    """A Markov chain of two states gives the fraction and the mean of the geometric dwell times."""
     n, canopy = 60_000, Canopy(points=STRIP, lapse_share=0.3, lapse_s=0.5)
     none = qualities(canopy, np.full(n, 15.0)) == Quality.NONE
     begins = np.flatnonzero(np.diff(none.astype(int)) == 1)
@@ -66,7 +66,7 @@ def test_worse_fix_quality_of_a_gnss_fault_takes_precedence_over_canopy():
 
 
 def test_canopy_does_not_change_the_noise_of_fixes_outside_of_it():
-    """Outside of it the fixes are those of a receiver without one."""
+    """Outside the canopy the fixes equal those of a receiver without a canopy."""
     fixes = []
     for canopy in ((Canopy(points=STRIP),), ()):
         gnss = Gnss(canopy=canopy)
@@ -95,7 +95,7 @@ def test_point_in_polygon_test_agrees_with_the_winding_number(points):
 
 
 def test_fix_quality_in_the_tree_line_scenario_drops_only_below_trees():
-    """The first pass lies below them, the others do not; a minute of it."""
+    """Only the first pass of the simulated minute is below the trees."""
     log = run(load_scenario("tree_line", {"duration_s": 70}))
     signals = {column: log.signals[column].to_numpy() for column in log.signals.column_names}
     points = log.scenario.sensors.gnss.canopy[0].points

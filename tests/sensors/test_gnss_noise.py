@@ -109,7 +109,7 @@ def test_gnss_errors_in_east_and_north_are_independent():
 
 
 def test_additional_error_part_does_not_change_other_noise():
-    """The paper's error is the same to the last bit below a further part."""
+    """With an additional part, the error of the paper stays bit-identical."""
     plain, more = Gnss(), Gnss(drift_sigma_m=0.01)
     drift = Gnss(sigma_m=0.0, drift_sigma_m=0.01)
     assert errors(more, 50) == pytest.approx(errors(plain, 50) + errors(drift, 50), abs=1e-12)

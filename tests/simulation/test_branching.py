@@ -73,7 +73,7 @@ def test_recently_used_states_are_cached_up_to_a_maximum_size(monkeypatch):
 
 
 def test_branch_reseeds_every_random_generator():
-    """Sensors and faults, wherever they keep theirs; the first numbers of all streams differ, from each other too."""
+    """The first numbers of all streams of sensors and faults differ from the old ones and from each other."""
     sim = Simulation(scenario("mujoco").changed({**SENSORS, "fault": FAULTS}))
     sim.reset()
     for _ in range(5):

@@ -56,7 +56,7 @@ def test_run_stored_in_blocks_gives_the_same_log_and_files(small, tmp_path, monk
 
 
 def test_run_of_one_block_writes_the_same_file_as_the_complete_table(tmp_path):
-    """The bytes of ordinary files do not depend on the way they are written."""
+    """The bytes of files of one block do not depend on the writing method."""
     log = run(load_scenario(*SCENARIO))
     write_log(log, tmp_path)
     pq.write_table(log.signals, tmp_path / "whole.parquet", compression="zstd", use_dictionary=False)

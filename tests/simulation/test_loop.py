@@ -283,7 +283,7 @@ def test_tick_code_is_short_and_contains_no_checks():
 
 
 def test_run_equals_a_sequence_of_calls_of_tick_and_advance():
-    """The page is what runs: a simulation without commands logs what `tick` and `advance` give."""
+    """A simulation without commands logs the values of `tick` and `advance`."""
     scenario = short("circle", 2.0, plant__kind="bicycle")
     loop, drives = Loop(scenario), []
     for _ in range(40):
@@ -313,7 +313,7 @@ def decided(change_truth=None, change_estimate=None, change_measured=None):
 
 
 def test_control_loops_do_not_read_the_true_state():
-    """Whatever the truth is once the sensors have been read, the valves get the same voltages."""
+    """The valves get the same voltages if the true state changes after the sensors were read."""
     other = decided(lambda t: {name: getattr(t, name) + 0.3 for name in ("speed", "steer", "pedal", "yaw_rate", "x")})
     assert other == decided()
 

@@ -263,7 +263,7 @@ def test_abort_after_the_end_of_a_run_has_no_effect():
 
 @pytest.mark.parametrize("settle_s", [0.0, 3.0])
 def test_tractor_on_a_side_slope_of_37_degrees_rolls_over(settle_s):
-    """Also while it is put there: then the run has one row."""
+    """A rollover during settling gives a run of one row."""
     log = ends(20.0, terrain={"kind": "slope", "grade_deg": 37.0, "direction_deg": 90.0}, plant={"settle_s": settle_s})
     assert log.outcome == "rolled_over"
     assert log.column("t")[-1] < 10

@@ -58,7 +58,7 @@ def test_log_is_written_to_three_files(tmp_path):
 
 
 def test_metrics_of_any_run_are_valid_json(tmp_path):
-    """Also of a run of a single tick."""
+    """This includes a run of a single tick."""
     for plant in ("bicycle", "mujoco"):
         log = run(load_scenario("straight_line", {"duration_s": 0.05, "plant.kind": plant}))
         write_log(log, tmp_path)

@@ -74,7 +74,7 @@ def test_correction_map_decays_after_the_disturbance_disappears() -> None:
 
 @pytest.mark.parametrize(("share", "most"), [(1.0, 0.05), (0.5, 0.95), (0.0, 1.02)])
 def test_correction_map_learns_only_corrections_that_repeat_every_lap(share: float, most: float) -> None:
-    """Each lap wants `share` of the power of one pattern and the rest of a fresh one, of which none is taken over."""
+    """A fraction `share` of the power repeats in every lap; the rest is different in every lap and is not learned."""
     draw, map_ = np.random.default_rng(4), LapMap(guard=False)
     turn = np.arange(0.0, 1.0, STEP / LAP)
 

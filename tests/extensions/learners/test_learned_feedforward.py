@@ -106,7 +106,7 @@ def test_learned_feedforward_is_applied_while_learning_is_inhibited() -> None:
 
 
 def test_repeated_update_with_equal_state_gives_equal_results() -> None:
-    """The same state gives the same answer however often it is asked."""
+    """Repeated evaluations of one state give the same result."""
     state = _drive(LAW, _situation(offset=0.3))
     kept = [array.copy() for array in state.network]
     first = LAW.update(state, _situation(), DT)[1]

@@ -23,7 +23,8 @@ def test_firing_strengths_sum_to_one_inside_and_outside_input_range(uncertainty:
 
 
 def test_network_without_uncertainty_equals_linear_interpolation() -> None:
-    """Triangles as wide as the centres are apart are a partition of unity: the output interpolates linearly."""
+    """Triangular sets as wide as the distance of their centres form a partition of unity, so the output interpolates
+    linearly."""
     network = PathNetwork(uncertainty=0.0, speed_sets=1, roll_sets=1)
     centres = np.linspace(-network.curvature_range_per_m, network.curvature_range_per_m, network.curvature_sets)
     f = np.random.default_rng(2).normal(size=centres.size)
@@ -47,7 +48,7 @@ def test_one_update_changes_the_output_by_learning_rate_times_error() -> None:
 
 @pytest.mark.parametrize("uncertainty", [pytest.param(0.0, marks=pytest.mark.slow), 0.3])
 def test_network_converges_to_the_true_feedforward_despite_a_lag(uncertainty: float) -> None:
-    """Plant: the error is what the map lacked a lag ago, atan(L kappa) plus a share of the roll."""
+    """The error is the missing feed-forward, atan(L kappa) plus a fraction of the roll, behind a first-order lag."""
     network = PathNetwork(uncertainty=uncertainty, curvature_range_per_m=0.15, curvature_sets=7)
     rng, state, answered, errors = np.random.default_rng(3), network.init(), 0.0, []
     for k in range(40_000):

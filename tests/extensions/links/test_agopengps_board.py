@@ -257,7 +257,7 @@ def test_settings_at_power_up_are_taken_from_the_scenario():
 
 
 def test_wrong_steering_sensor_settings_cause_a_wrong_wheel_angle():
-    """A scale of half the truth makes the board see twice the angle, so the wheels turn by half."""
+    """With half of the true scale, the board measures twice the angle, so the wheels turn by half."""
     rig = engaged()
     rig.send(settings(counts=15))
     rig.steer = radians(5)

@@ -380,7 +380,7 @@ def test_progress_along_a_path_segment_is_rewarded_only_once():
 
 
 def test_guidance_law_earns_more_reward_than_zero_steering():
-    """Most of the way to the turn at the headland is straight."""
+    """Most of the path before the headland turn is straight."""
     law, _ = returned(steered, "headland_k_turn", ticks=860)
     nothing, info = returned(lambda v: (0.0,), "headland_k_turn", ticks=860)
     assert info["outcome"] == "off_path"

@@ -55,7 +55,7 @@ def test_steering_centre_that_moves_within_a_log_is_reported():
 
 
 def test_scatter_of_the_steering_centre_is_not_reported_as_a_movement():
-    """Positions of a receiver without a heading: the centres of the parts differ by noise alone."""
+    """With positions of a receiver without a heading, the centres of the parts of the log differ only by noise."""
     columns = field_log(DRIVEN, counts=counts_about(432), heading=False, noise_m=0.08, every=10)
     (told,) = [line for line in lines_of(columns) if "steering centre: " in line]
     centres = [float(part.split()[0]) for part in told.split("centre: ")[1].split("), ")]

@@ -45,7 +45,7 @@ def read(columns, log_map):
 @pytest.mark.parametrize("turned", [0.0, 90.0, 180.0])
 @pytest.mark.parametrize("heading", [True, False])
 def test_reverse_segments_are_found_with_unsigned_speed(turned, heading):
-    """Also where the antennas stand across the machine, or there is one only."""
+    """This includes antennas mounted across the machine and a single antenna."""
     speed, columns, log_map = shunt(turned, heading)
     found = pieces([read(columns, log_map)])
     (kept,) = found.kept
@@ -116,7 +116,8 @@ def test_fix_quality_column_may_contain_words_or_booleans():
 
 @pytest.mark.parametrize("values", [0, 1, 3])
 def test_heading_of_a_segment_with_few_heading_values_is_omitted(values):
-    """A log whose receiver found its heading late is still replayed by the rest, not interpolated through a value."""
+    """The other signals of a log whose receiver found its heading late are still replayed; the heading is not
+    interpolated."""
     _, columns, log_map = shunt()
     late = np.arange(len(columns["t"])) >= 200 - values
     columns["heading"] = np.where(late, columns["heading"], np.nan)
@@ -156,7 +157,7 @@ def test_log_without_positions_is_not_divided():
 
 
 def test_speed_of_a_segment_starting_at_speed_agrees_with_positions():
-    """40 s at 0.5 m/s, then 20 s at 5 m/s: the speed at each time makes the way."""
+    """The driven distance is the integral of 0.5 m/s for 40 s and of 5 m/s for 20 s."""
     t = np.arange(0, 60, 0.1)
     speed = np.interp(t, [0, 39.5, 40.5, 60], [0.5, 0.5, 5, 5])
     driven = np.cumsum(speed) * 0.1
@@ -176,7 +177,8 @@ def left_out(columns, log_map):
 
 @pytest.mark.parametrize("heading", [True, False])
 def test_positions_that_jump_away_and_back_are_omitted(heading):
-    """Of one fix, of three together, and of two in a row to different places; the rest is as without them."""
+    """One fix, three successive fixes, or two successive fixes at different positions are omitted; all others are
+    unchanged."""
     _, columns, log_map = shunt(heading=heading)
     (clean,) = pieces([read(columns, log_map)]).kept
     x, y = columns["x"].copy(), columns["y"].copy()
@@ -257,7 +259,7 @@ def test_fit_rejects_constant_and_coarsely_quantised_sensors(change, told):
 
 @pytest.mark.parametrize("seconds", [0.2, 3.0])
 def test_temporarily_reversed_heading_is_omitted(seconds):
-    """Two antennas that were taken for each other; the tractor does not reverse for it."""
+    """The receiver has exchanged its two antennas; the tractor does not reverse."""
     _, columns, log_map = shunt()
     clean, turned = read(columns, log_map), (columns["t"] > 15.02) & (columns["t"] < 15.02 + seconds)
     found = read(columns | {"heading": columns["heading"] + 180.0 * turned}, log_map)

@@ -55,7 +55,7 @@ def test_derived_yaw_rate_is_not_attenuated_at_low_speed():
 
 
 def test_position_noise_is_smoothed_when_deriving_the_yaw_rate():
-    """A cubic over 2 s at 20 Hz takes noise out of a second derivative."""
+    """A cubic over 2 s at 20 Hz reduces the noise of the second derivative."""
     noise = 0.002 * np.random.default_rng(1).standard_normal((len(T), 2))
     found = read(dict(zip("xy", (ARC + noise).T, strict=True)), **POSITION)
     error = np.abs(found.yaw_rate.value - YAW_RATE)[40:-40]
@@ -111,7 +111,7 @@ GLITCHES = np.array([40, 131, 260, 411, 540])
 @pytest.mark.parametrize("held", [1, 2, 4])
 @pytest.mark.parametrize("off", [3.0, -0.4])
 def test_isolated_outliers_of_a_signal_are_detected(held, off):
-    """Of a signal with noise, each value held for some rows, and with a row without one."""
+    """The signal has noise, repeats each value for some rows, and has a row without a value."""
     random = np.random.default_rng(8)
     values = 0.2 * np.sin(T) + 0.005 * random.standard_normal(len(T))
     values[GLITCHES] += off
@@ -151,7 +151,7 @@ def test_heading_in_radians_mapped_as_degrees_is_detected_by_wrapping(zero):
 
 
 def test_outliers_are_omitted_and_reported():
-    """Of the wheel angle, the speed, a gyro, and a heading that turns round, each in its own column."""
+    """Each of the wheel angle, the speed, the gyro and a wrapping heading has outliers in its own column."""
     columns = COLUMNS | {"g": np.full(len(T), YAW_RATE), "h": np.degrees(YAW) % 360.0}
     columns["g"] += 0.001 * np.random.default_rng(2).standard_normal(len(T))
     columns["speed"] = SPEED + 0.01 * np.sin(T)

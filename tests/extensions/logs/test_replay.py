@@ -144,7 +144,7 @@ def test_steering_column_with_wrong_sign_or_unit_is_reported(driven, scale):
     ],
 )
 def test_calibrated_steering_scale_is_not_reported_as_suspect(driven, reads, scaled, said):
-    """A machine that turns more than its plant has tyres that slip less."""
+    """The real machine turns more than its plant because its tyres slip less."""
     turned = with_column(driven.signals, "steer_measured", reads * driven.column("steer_measured"))
     lines = doubts(replay(turned, None, driven.scenario), driven.scenario.tractor, scaled)
     (line,) = [each for each in lines if each.startswith(f"The machine turns {1 / reads:.1f}")]

@@ -79,7 +79,8 @@ def test_twin_track_is_the_cg_track_sampled_every_half_metre():
 
 
 def test_twin_track_is_smoothed_by_cubics_over_two_seconds():
-    """Of white noise a cubic through 2 m + 1 samples leaves 3 (3 m^2 + 3 m - 1) / ((2 m - 1) (2 m + 1) (2 m + 3))."""
+    """A cubic through 2 m + 1 samples of white noise leaves 3 (3 m^2 + 3 m - 1) / ((2 m - 1) (2 m + 1) (2 m + 3)) of
+    its variance."""
     x, y, _ = way([straight(0.02)], TO_CG).T
     across = (y * cos(TURNED) - x * sin(TURNED))[20:-20]
     m = 10
@@ -89,7 +90,7 @@ def test_twin_track_is_smoothed_by_cubics_over_two_seconds():
 
 @pytest.mark.parametrize(("radius", "files"), [(0.5, 1), (15.0, 3)])
 def test_track_too_tight_for_the_machine_gives_no_scenario(radius, files):
-    """The tractor turns on 2 m at the least."""
+    """The minimum turning radius of the tractor is 2 m."""
     angle = np.arange(0.0, 4.5, 0.5 / radius if radius > 1 else 0.2)
     points = np.column_stack([radius * np.sin(angle), radius * (1 - np.cos(angle)), np.full(len(angle), 1.5)])
     assert len(_texts("log", load_scenario("straight_line"), {}, points)) == files
@@ -130,7 +131,7 @@ def one(made):
 
 
 def test_true_parameters_are_inside_their_intervals(made):
-    """Of 13 intervals of 95 % one may miss."""
+    """At most one of 13 intervals of 95 % may miss the true value."""
     _, h, found, out = made
     misses = [key for key, right in inside(h, found["found"]).items() if not right]
     assert len(found["found"]) >= 13
@@ -185,7 +186,7 @@ def test_twin_files_document_identified_values_and_run(one, call):
 
 
 def test_calibration_with_a_calibrated_map_finds_no_further_offset(one):
-    """The owner has put the lines in: the command says that the centre is right."""
+    """The map contains the calibrated values, so the command confirms the steering centre."""
     found = calibrate([one / "log.csv"], read_map(one / "twin" / "map.toml"), load_scenario("straight_line"), 5, 60)
     assert not found.found["steer.offset"].excludes(found.steer.offset)
     assert abs(found.found["heading.delay_s"].value - read_map(one / "twin" / "map.toml").heading.delay_s) < 0.03

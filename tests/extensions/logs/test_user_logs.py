@@ -83,7 +83,7 @@ def test_speed_mapped_as_a_signed_value_keeps_its_sign():
 
 
 def test_rejection_names_a_wrong_antenna_position_as_the_reason():
-    """Of a machine that turns about its rear axle nearly on the spot, as in 40 m of positions and 23 m of speed."""
+    """The machine turns nearly on the spot about its rear axle: 40 m of positions, but 23 m by speed."""
     driven = path(speed=0.5, swing_deg=65.0)
     columns = field_log(driven, ahead=5.0)
     with pytest.raises(

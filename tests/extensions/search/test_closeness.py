@@ -51,7 +51,7 @@ def test_failure_margin_at_a_tick_uses_no_later_data(log, until):
 
 
 def test_failure_margin_does_not_anticipate_an_early_end_of_the_run():
-    """With twice the time, the same tractor is half as close until it has passed the end of its path."""
+    """With twice the duration, the margin is half as large until the tractor has passed the end of its path."""
     keys = {"plant.kind": "bicycle", "guidance.kind": "lqr"}
     logs = [run(load_scenario("lane_change", {**keys, "duration_s": seconds})) for seconds in (60.0, 120.0)]
     ticks = logs[0].rows.filled
@@ -94,7 +94,7 @@ def test_level_rises_are_the_new_maxima_of_the_failure_margin(log):
 
 
 def test_increasing_failure_margin_is_extrapolated(log):
-    """By its slope over a quarter of a second; what falls is as close as it is."""
+    """The extrapolation uses the slope over a quarter of a second; a decreasing margin is not extrapolated."""
     close = Closeness("xte_abs_max > 0.02")(log)
     ahead = np.array([c + max(c - close[max(k - 5, 0)], 0.0) * 0.5 / 0.25 for k, c in enumerate(close)])
     found = Rises(Closeness("xte_abs_max > 0.02"), 0.5)(log)["rises"]

@@ -220,7 +220,8 @@ def test_shipped_designs_rank_inputs_of_known_functions_correctly(name, function
 
 
 def test_linear_effects_are_not_ranked_above_larger_nonlinear_effects():
-    """x1 has a slope and x2 of Ishigami has none, but x2 carries two fifths of the variance by a bend."""
+    """Of the Ishigami function, x1 has a slope and x2 has none, but x2 causes two fifths of the variance
+    nonlinearly."""
     for seed in range(20):
         x = np.random.default_rng(seed).uniform(-pi, pi, (200, 3))
         found = influence(
@@ -232,7 +233,8 @@ def test_linear_effects_are_not_ranked_above_larger_nonlinear_effects():
 
 
 def test_variation_between_seeds_is_not_attributed_to_a_parameter():
-    """Of one line, noise of a quarter of the variance, and a number without effect, whose total index is noise."""
+    """The model is a line, noise of a quarter of the variance, and a parameter without effect, whose total index is
+    noise."""
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
     random = np.random.default_rng(1)
     a, b = random.random((2, 2048, 2))
@@ -244,7 +246,7 @@ def test_variation_between_seeds_is_not_attributed_to_a_parameter():
 
 
 def test_regression_residual_is_below_its_bound_in_95_percent_of_cases():
-    """Five numbers and noise at 12 points; the limit is a share of the variance of the sample."""
+    """There are five parameters with noise at 12 points; the bound is a fraction of the sample variance."""
     random, covered = np.random.default_rng(2), 0
     points = random.standard_normal((12, 5))
     x = sqrt(12) * np.linalg.qr(points - points.mean(axis=0))[0]

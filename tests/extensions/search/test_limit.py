@@ -94,7 +94,7 @@ LONG = [pytest.param(26, each, marks=() if each == 0.8 else pytest.mark.slow) fo
 
 @pytest.mark.parametrize(("seeds", "reliability"), [*((SHOWN_RUNS, each) for each in RELIABILITIES), *LONG])
 def test_results_reported_as_certain_are_wrong_no_more_often_than_stated(reliability, seeds):
-    """Laws of one reliability at all values, 500 values each: 10 % are the promise at a reliability of 80 %."""
+    """Laws have one reliability at all of 500 values; the permitted error rate at a reliability of 80 % is 10 %."""
     wrong = values = 0
     question = Question(KEY, 0.0, 4.0, "lateral_rms > 0.3", seeds=seeds, tolerance=9.0)
     condition = Condition(question.until, METRICS)
@@ -161,7 +161,7 @@ def test_limit_is_found_in_a_descending_range():
 
 @pytest.mark.parametrize("width", [0.08, 0.15, 0.6])
 def test_interval_of_a_gradual_limit_nearly_always_contains_it(width):
-    """Success falls along a logistic curve through 80 % at 2.1; the machine's runs differ with the first seed."""
+    """The success rate falls along a logistic curve through 80 % at 2.1; runs differ with the first seed."""
     hits = []
     for first in range(60):
         scenario = SCENARIO.changed({"seed": 1 + 100 * first})
@@ -201,7 +201,7 @@ def test_unexpected_outcome_is_a_failure_unless_condition_names_outcomes(until, 
 
 
 def test_limit_result_reports_unexpected_outcomes():
-    """From 2 on every run rolls over, at a small error."""
+    """From 2 on every run rolls over with a small error."""
 
     def do(tasks):
         rolled = [task.overrides[KEY] >= 2.0 for task in tasks]
@@ -263,7 +263,7 @@ def test_result_from_too_few_seeds_is_not_reported_as_certain():
 
 
 def test_values_on_both_sides_of_the_limit_are_checked_by_more_runs():
-    """Three runs at a value hide that one in three fails between 1.5 and 2.345; twelve of them show it."""
+    """Between 1.5 and 2.345 one of three runs fails, which three runs may miss and twelve runs show."""
     for first in range(1, 60, 10):
         scenario = SCENARIO.changed({"seed": first})
         question = Question(KEY, 0.0, 4.0, "lateral_rms > 0.3", seeds=3)
@@ -347,7 +347,7 @@ def test_limit_is_reported_with_that_of_the_undisturbed_baseline(limits, text):
 
 
 def test_baseline_that_lacks_the_varied_key_has_one_fixed_result():
-    """On the flat there is no grade; a dead band that the counterpart sets is not varied in it."""
+    """Flat terrain has no grade, and a dead band set by the baseline is not varied in it."""
     scenario = load_scenario("figure_eight", {"terrain": {"kind": "slope"}, "duration_s": 1.0})
     for key, beside in (("terrain.grade_deg", {"terrain": {"kind": "flat"}}), (KEY, {KEY: 0.4})):
         question = Question(key, 0.0, 4.0, "lateral_rms > 0.3")

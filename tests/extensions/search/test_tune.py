@@ -95,7 +95,8 @@ def test_error_for_an_unknown_tuning_name_lists_the_available_names():
 
 @pytest.mark.parametrize("part", ["training", "test"])
 def test_shipped_tuning_cases_cover_typical_field_work(part):
-    """Speeds to 3.5 m/s and more, starts beside the path, a worn valve and a slope, in either part."""
+    """Training and test cases each include speeds of 3.5 m/s and more, starts off the path, a worn valve and a
+    slope."""
     cases = tuning_cases(load_scenario("figure_eight", GAINS.set), GAINS, part, 1)
     assert max(case.speed for case in cases) >= 3.5
     assert min(case.speed for case in cases) <= 0.8

@@ -63,7 +63,8 @@ def test_steering_delay_and_scale_are_identified_relative_to_the_gyro():
 
 
 def test_latency_of_the_speed_sensor_is_not_identified_at_constant_speed():
-    """The noise of the speed would be laid on that of the positions at some age, and be sure of it."""
+    """Otherwise a random latency would fit the noise of the speed to the noise of the positions with a narrow
+    interval."""
     found = calibrate([gyro_log(hidden(0), 0.1, 2.0)], None, BICYCLE)
     age = found.found["speed.delay_s"]
     assert (age.value, age.identified) == (0.0, False)
@@ -84,7 +85,7 @@ def test_constant_speed_triples_all_intervals_except_steering_centre(monkeypatch
 
 
 def test_latency_and_antenna_position_are_not_identified_on_a_straight():
-    """Play hides half of its small corrections, all of them if they are smaller still."""
+    """The steering backlash hides half of the small corrections, or all of them if they are smaller."""
     found = calibrate([gyro_log(hidden(0), 0.1, swing=0.15)], None, BICYCLE)
     assert {key for key, each in found.found.items() if each.identified} == {"steer.offset", "steer.scale"}
     assert not found.found["steer.offset"].excludes(radians(0.9))

@@ -44,7 +44,7 @@ def test_identified_parameters_are_close_to_the_true_values():
 
 
 def test_steering_sensor_noise_does_not_reduce_identified_tyre_stiffness():
-    """Wheels that follow 0.3 deg of noise through their play look a fifth softer, and sooner than they are."""
+    """Wheels that follow 0.3 deg of noise through their backlash would appear a fifth softer and less delayed."""
     off = np.array([deviations(seed, noise_deg=0.3, duration=120.0) for seed in (1,)])
     assert np.abs(off[:, [0, 1, 5]]).max() < 1
 

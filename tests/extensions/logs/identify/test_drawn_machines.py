@@ -40,7 +40,7 @@ def test_log_with_one_fix_per_second_is_rejected_with_its_fix_rate():
 
 @pytest.mark.slow
 def test_intervals_contain_the_true_value_for_90_of_100_random_machines():
-    """Of 95 % intervals as many hold with a chance of 99 %."""
+    """At least 90 of 100 intervals of 95 % contain the true value with a probability of 99 %."""
     inside, told = Counter[str](), Counter[str]()
     for seed in range(100):
         for key, (off, half, identified) in errors(seed, 80.0).items():

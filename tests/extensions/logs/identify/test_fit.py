@@ -38,7 +38,7 @@ def test_understeer_interval_follows_from_both_axle_compliances():
 
 @pytest.mark.parametrize("rho", [0.0, 0.6])
 def test_errors_correlated_between_windows_widen_the_interval(rho):
-    """Of the mean of n windows whose errors are AR(1): sigma^2 / n (1 + 2 sum of (1 - k / (M + 1)) rho^k)."""
+    """Variance of the mean of n windows with AR(1) errors: sigma^2 / n (1 + 2 sum of (1 - k / (M + 1)) rho^k)."""
     n, samples, rng = 600, 5, np.random.default_rng(3)
     slow = np.zeros(n)
     for k in range(1, n):
@@ -66,7 +66,8 @@ def logged(gap):
 
 @pytest.mark.parametrize(("gap", "windows"), [(0.0, 12), (0.15, 12), (0.7, 11), (4.0, 10)])
 def test_only_complete_windows_are_used_for_the_fit(gap, windows):
-    """From 2 s on twelve windows of 5 s; the gap lies in that from 27 to 32 s, the longest in the next as well."""
+    """There are twelve windows of 5 s from 2 s on. The window from 27 to 32 s has a gap, and the next one the longest
+    gap."""
     data = logged(gap)
     assert data.windows == windows
     assert np.diff(data.channels["yaw_rate"].t, axis=1).max() < 0.5

@@ -122,7 +122,7 @@ def test_identified_valve_does_not_depend_on_the_first_seconds_of_a_log(calm):
 
 
 def test_samples_at_the_steering_stops_are_omitted_from_the_fit(calm):
-    """There the angle stays behind the flow; here it is bent by hand."""
+    """At the stops the angle does not follow the flow; here the angle is changed artificially."""
 
     def with_angle(angle):
         at = calm.signals.column_names.index("steer_measured")
@@ -272,5 +272,5 @@ def test_backlash_of_one_degree_is_identified(plant):
 
 
 def test_linkage_without_backlash_gives_zero_backlash(fitted):
-    """A healthy run of either plant invents no more than the wind-up of an oil spring under friction."""
+    """The identified backlash of a run of either plant is at most the wind-up of the oil column under friction."""
     assert (fitted.backlash_deg or 0.0) < 0.1

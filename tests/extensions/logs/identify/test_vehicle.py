@@ -93,7 +93,7 @@ def test_effect_of_uncertain_machine_values_is_reported_with_intervals(hidden, s
 
 
 def test_stiffness_is_not_identified_from_slow_driving():
-    """At 0.6 m/s slip turns the tractor by less than the noise: a result says so instead of a number."""
+    """At 0.6 m/s slip changes the yaw rate by less than the noise, so the result contains no stiffness."""
     slow = log_of(1, duration=70.0, **HIDDEN, path__speed_m_s=0.6, driveline__full_speed_m_s=0.6)
     result = identify_vehicle(slow.signals, None, BICYCLE, ("front", "rear", "delay"))
     assert not result.found["rear_cornering_stiffness_n_rad"].identified
@@ -110,7 +110,7 @@ def test_fit_that_explains_no_variance_gives_no_result(hidden, spoil):
 
 
 def test_log_with_yaw_rate_as_wheel_angle_gives_no_result(hidden):
-    """The yaw rate in the place of the wheel angle."""
+    """The column of the yaw rate is used as that of the wheel angle."""
     at = hidden.signals.column_names.index("steer_measured")
     rate = hidden.signals.set_column(at, "steer_measured", hidden.signals["yaw_rate"])
     with pytest.raises(NothingExplainedError, match=r"no result"):
@@ -119,7 +119,7 @@ def test_log_with_yaw_rate_as_wheel_angle_gives_no_result(hidden):
 
 @pytest.mark.parametrize(("stiffness", "identified", "refused"), [(4540, True, True), (87e3, True, False), (4e3, 0, 0)])
 def test_implausible_stiffness_for_the_load_gives_no_result(stiffness, identified, refused):
-    """A tractor of 5.2 t; what is not identified is judged by nobody."""
+    """The mass is set to 5.2 t; values that are not identified are not checked."""
     sound = Quantity(120e3, 1e5, 1.4e5, True)
     rear = Quantity(stiffness, 0.9 * stiffness, 1.1 * stiffness, bool(identified))
     found = {"front_cornering_stiffness_n_rad": sound, "rear_cornering_stiffness_n_rad": rear}

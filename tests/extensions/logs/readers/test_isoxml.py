@@ -64,7 +64,7 @@ def test_isoxml_folder_file_and_zip_give_the_same_log(folder, tmp_path):
 
 
 def test_task_data_written_by_the_isoxml_library_is_read(tmp_path):
-    """The library isoxml writes task data and the description of a time log, and takes its bytes."""
+    """The library isoxml writes the task data and the description of a time log, and reads their bytes."""
     reason = "isoxml is not installed (uv sync, or make install)"
     iso = pytest.importorskip("isoxml.models.base.v4", reason=reason)
     files = pytest.importorskip("isoxml.util.isoxml_io", reason=reason)
@@ -202,7 +202,8 @@ def test_public_isoxml_files_are_read_completely(name, positions, span, bounds):
 
 
 def test_course_and_curvature_of_a_public_file_agree():
-    """The only check of the sign of PGN 44032 that is not our own: course and speed of a receiver on the same bus."""
+    """This independent check of the sign of PGN 44032 compares it with course and speed of a receiver on the same
+    bus."""
     file = checkout("dev4Agriculture/isoxml-dotnet", "f7a832d9") / VECTORS / "LoadFromStream/Another-single-ACP.zip"
     names = ("t", "course", "curvature", "speed")
     t, course, kappa, speed = (open_log(file).source[n].to_numpy(zero_copy_only=False) for n in names)

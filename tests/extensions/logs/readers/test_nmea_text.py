@@ -138,7 +138,7 @@ def place_of(k):
 
 @pytest.mark.parametrize("kind", ["GGA", "GNS"])
 def test_sentences_between_binary_messages_are_read(tmp_path, kind):
-    """Frames of a receiver may hold any byte, such as $, and need no end of line."""
+    """Binary frames of a receiver may contain any byte, such as $, and need no line end."""
     rng = np.random.default_rng(3)
     parts = []
     for k in range(50):
@@ -158,7 +158,7 @@ def test_sentences_between_binary_messages_are_read(tmp_path, kind):
 
 @pytest.mark.parametrize("late", [0, 0.3, 3000])
 def test_sentences_before_the_first_valid_time_and_fix_are_omitted(tmp_path, late):
-    """Before the fix the clock is any, and just after it the receiver corrects it."""
+    """Before the first fix the clock is arbitrary, and just after the fix the receiver corrects it."""
     lines = [f"$GPGGA,0{k}0000.00,,,,,0,00,99.9,,M,,M,," for k in range(9)] + [
         "$GPRMC,,V,,,,,,,,,,N",
         "$GPVTG,,,,,,,,,N",

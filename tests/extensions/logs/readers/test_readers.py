@@ -199,7 +199,7 @@ def test_describe_with_a_map_names_missing_quantities(tmp_path, call):
     ],
 )
 def test_describe_lists_the_possible_uses_of_a_log(tmp_path, call, rows, told):
-    """A bend at 2 m/s, of which the receiver tells a position every so many rows of 20 Hz."""
+    """The log is a bend at 2 m/s at 20 Hz with a position in every n-th row."""
     lines = ["time_s,steer_angle_deg,speed_km_h,latitude,longitude,fix_quality"]
     for k in range(600):
         yaw = 0.2 * (k // rows * rows) / 20

@@ -89,7 +89,7 @@ def test_legend_does_not_overlap_the_plotted_combinations():
 
 
 def test_values_next_to_the_found_failure_show_the_failure_boundary():
-    """On the way to it everything holds, beyond it all fails; a little less of either key holds."""
+    """All runs on the way to the failure pass and all beyond it fail; a slightly smaller value of either key passes."""
     nearer, near, farther, far, less_a, more_a, less_b, more_b = search(planted).around
     assert [tried.fails for tried in (nearer, near, farther, far)] == [False, False, True, True]
     assert [tried.fails for tried in (less_a, more_a, less_b, more_b)] == [False, True, False, True]
@@ -97,7 +97,7 @@ def test_values_next_to_the_found_failure_show_the_failure_boundary():
 
 
 def test_progress_callback_receives_all_evaluations_and_confirmations():
-    """These are as many runs as the search, and would pass in silence."""
+    """The confirmation runs are as many as the runs of the search."""
     told = []
     found = search(planted, done=told.append)
     assert [tried for tried in told if tried.runs == 1] == list(found.tried)
@@ -112,7 +112,7 @@ def test_noisy_combination_is_classified_by_the_majority_of_its_runs():
 
 
 def test_failure_with_only_one_seed_is_not_reported_as_the_result():
-    """Under the seed of the search it fails from a = 0.3 on, under all others from a = 0.8 on."""
+    """With the seed of the search, runs fail from a = 0.3 on; with all other seeds, from a = 0.8 on."""
     found = search(lambda a, b, c: 0.3 + a - 0.8, unlucky=0.5)
     assert min(tried.distance for tried in found.tried if tried.fails) < 0.35
     assert found.mildest.distances[0] == pytest.approx(0.8, abs=0.02)

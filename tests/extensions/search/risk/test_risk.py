@@ -72,7 +72,8 @@ def risk_of(process, first_seed=1, **more):
     [pytest.param(WHOLE, id="whole steps"), pytest.param(NORMAL, id="normal steps", marks=pytest.mark.slow)],
 )
 def test_splitting_gives_the_known_failure_probability(process):
-    """Intervals of so few splittings hold in nine of ten cases rather than 19 of 20: 15 of 20 or more but for 4 %."""
+    """Intervals of few splittings contain the probability in 90 % instead of 95 % of cases: at least 15 of 20, except
+    for 4 %."""
     found = [risk_of(process, 1 + 1000 * k, particles=40, repeats=4).estimate for k in range(20)]
     mean, error = np.mean([f.probability for f in found]), np.std([f.probability for f in found], ddof=1) / sqrt(20)
     assert error < 0.2 * process.exact
@@ -180,7 +181,7 @@ def test_risk_command_resumes_and_saves_a_repeatable_failure(call, tmp_path, pla
 
 @pytest.mark.parametrize("quiet", [False, True])
 def test_progress_of_each_splitting_round_is_printed_to_stderr(call, monkeypatch, quiet):
-    """The first drives all particles, which may take minutes."""
+    """The first round simulates all particles, which may take minutes."""
     monkeypatch.setattr(progress, "BETWEEN_LINES_S", 0.0)
     words = ["risk", *BICYCLE[:-1], "duration_s=1", "--until", "xte_abs_max > 0.01", "--particles", "2"]
     _, said, error = call(*words, "--repeats", "2", "--jobs", "1", *(["--quiet"] if quiet else []))
@@ -190,7 +191,7 @@ def test_progress_of_each_splitting_round_is_printed_to_stderr(call, monkeypatch
 
 @pytest.mark.parametrize(("score", "label"), [(None, "closeness, 1 s ahead [-]"), ("steer", "steer")])
 def test_failure_level_is_not_drawn_in_the_risk_figure(score, label):
-    """Levels look ahead, or are those of a score: above 0 a run has not failed."""
+    """Levels are extrapolated margins or scores, so a level above 0 is not a failure."""
     drawn = command.figure([Split(1e-4, 1e-3, 2, ((-0.5, 0.1), (0.1, 1e-3)), 40)], [], score)
     chances = next(axes for axes in drawn.axes if axes.get_xlabel() == label)
     assert [text.get_text() for text in chances.texts] == ["fail: 0.0001"]
