@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 MASS, INERTIA, L_F, L_R = 750.0, 400.0, 0.868, 0.532
-"""Known mass, yaw inertia and axle distances, those of the default tractor [kg, kg m2, m, m]."""
+"""Known mass, yaw inertia and axle distances of the default tractor [kg, kg m2, m, m]."""
 ROW_S, STEP_S = 0.05, 0.01
 ORIGIN = 51.0, 4.0
 NORTH_M, EAST_M = 111_248.3, 70_197.7

@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 CLASSES = ["overrides", "toml", "sweeps", "files", "parquet", "plugins", "nan", "interrupts", "copies"]
-"""Those that need a second each."""
+"""Classes of malformed inputs that take about a second each."""
 for file in sorted(ROOT.glob("tests/extensions/*/attack_*.py")):
     CLASSES += re.findall(r'^CLASSES = {"(\w+)"', file.read_text("utf-8"), re.M)
 

@@ -53,7 +53,7 @@ def copy(source, target):
 
 
 def copied_without(names, place, *folders):
-    """A copy of the files under version control, or of those in some folders, without some extensions."""
+    """Copy all files under version control, or those in some folders, without some extensions."""
     listed = subprocess.run(["git", "ls-files", "-z", *folders], cwd=ROOT, capture_output=True, check=True)
     gone = [(folder, "extensions", name) for folder in FOLDERS for name in names]
     for name in filter(None, listed.stdout.decode().split("\0")):

@@ -66,7 +66,7 @@ def test_statistics_of_network_parameter_q_are_computed_per_lap():
 
 
 BETTER = {"pd": 1.0, "pd_isgn": 0.9, "pd_t1fnn": 0.9, "pd_t2fnn": 0.5, "pi": 0.9, "lqr": 0.9, claims.FASTER: 0.9}
-"""Errors by law of a world in which the network alone does what the paper says."""
+"""Errors by law in an artificial result in which only the network satisfies the claims of the paper."""
 
 
 EQUAL = dict.fromkeys(BETTER, 1.0)  # Errors of a world in which all laws are as good

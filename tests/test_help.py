@@ -19,7 +19,7 @@ ALL = [(name, text) for name, each in LISTED.items() for text in each.examples]
 
 
 def typed(text):
-    """The words of an example that the program sees."""
+    """Return the words of an example that the program receives."""
     words = shlex.split(text)
     return words[: words.index(">")] if ">" in words else words
 

@@ -284,7 +284,7 @@ file = "mine/ground.npy"
 
 @pytest.fixture
 def own_files():
-    """A scenario with data files of one's own."""
+    """Return a scenario with its own data files."""
     Path("home/mine").mkdir(parents=True)
     Path("home/mine/route.csv").write_text("x_m,y_m\n0,0\n20,0\n20,20\n")
     np.save("home/mine/ground.npy", np.zeros((101, 101)))

@@ -21,7 +21,7 @@ SOME = (
 
 
 def ends_as_listed(machine, name):
-    """A scenario ends on a machine as its file says, or as the list of exceptions in docs/machines.md does."""
+    """Check that a scenario on a machine ends as its file or the list of exceptions in docs/machines.md states."""
     row, exception = machines.drive((machine, name)), machines.listed().get((machine, name))
     assert row.get("warnings", 0) == 0
     assert not row["expected"] if exception else row["expected"], row
@@ -74,7 +74,7 @@ def eight(machine):
 
 
 def tracks(machine, share=1.0):
-    """The machine keeps to this share of its figure eight."""
+    """Check that the machine follows this fraction of its figure eight."""
     scenario = eight(machine)
     log = run(scenario.changed({"duration_s": float(round(share * scenario.path.duration_s))}))
     assert log.outcome == "completed"

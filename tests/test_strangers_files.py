@@ -162,7 +162,7 @@ def test_foreign_files_in_a_results_folder_are_kept(call, sources, place, name, 
 
 
 LIGHT = [case for case in CASES if case[0] not in ("rig", "tune", "play")]
-"""Commands that take seconds at most, and do not start the viewer, which needs a process of its own."""
+"""Commands that take a few seconds and do not start the viewer, which needs a separate process."""
 
 
 @pytest.mark.parametrize(("name", "arguments"), LIGHT, ids=lambda part: part if isinstance(part, str) else "-")

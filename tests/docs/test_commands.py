@@ -73,7 +73,7 @@ SHORT = {
     "tune": "--budget 8 --seeds 1 --set duration_s=4 --quiet",
     "sweep": "--jobs 1 --quiet",
 }
-"""What is appended to a command, by its verb, so that it ends soon."""
+"""Options by verb that are appended to a command so that it ends soon."""
 GLIMPSE = ("--set", "duration_s=0.5", "--quiet", "--no-rrd")  # What is appended to a run that is only to begin and end
 
 

@@ -43,7 +43,8 @@ QUICKER = {
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory):
-    """The folder in which everything was done in its order but the C++, and what the commands said by their verb."""
+    """Return the folder in which all commands except the C++ program were executed in order, and their output by
+    verb."""
     folder, said = tmp_path_factory.mktemp("cookbook"), {}
     for name, content in {**FILES, "survey.csv": SURVEY, "boundary.csv": BOUNDARY, "field.csv": LOG}.items():
         (folder / name).write_text(content, encoding="utf-8")

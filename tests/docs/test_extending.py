@@ -29,7 +29,7 @@ LISTS = (
 )
 """Tests of all members together."""
 ANNOUNCED = {"test_models_doc.py::test_every_assumed_value_has_a_row_in_a_parameter_table"}
-"""Tests that fail until the new kinds are described, as the page says."""
+"""Tests that, as documented on the page, fail until the new kinds are described."""
 TESTED = """
 import runpy, sys, pytest
 first, *words = sys.argv[1:]
@@ -135,7 +135,7 @@ def contracts(checkout):
 
 
 def of_lists(tests):
-    """Those of them that are about all members together."""
+    """Return the tests that check all members together."""
     names = {Path(name).name for name in LISTS}
     return {test for test in tests if test.partition("::")[0] in names}
 

@@ -13,7 +13,7 @@ PAGES = [
     *sorted((ROOT / "docs").rglob("*.md")),
 ]
 WRITTEN = re.compile(r"This page is written by `|`agrobot-mj validate`\s+drives\s+them,\s+writes\s+this\s+page")
-"""What a page says that a script writes as a whole."""
+"""Notice on a page that a script writes the complete page."""
 READING_PATH = (
     *("README.md", "docs/tutorial.md", "docs/cookbook.md", "docs/scenarios.md", "docs/machines.md", "docs/guidance.md"),
     *("docs/studies.md", "docs/recordings.md", "docs/extending.md", "docs/findings.md"),
@@ -35,7 +35,7 @@ def words(text: str) -> int:
 
 
 def to_read() -> dict[str, int]:
-    """Words by page, without those that a script writes as a whole."""
+    """Number of words by page, without pages that are completely written by a script."""
     texts = {page.name: page.read_text(encoding="utf-8") for page in PAGES}
     return {name: words(text) for name, text in texts.items() if not WRITTEN.search(text)}
 

@@ -16,7 +16,7 @@ PERFECT = Gnss(sigma_m=0.0, float_sigma_m=0.0, velocity_sigma_m_s=0.0)
 
 
 def truth(t):
-    """Moves east at 1 m/s from the origin, so that a fix tells the time at which it was taken."""
+    """Return the state of a motion east at 1 m/s from the origin, so that the position of a fix gives its time."""
     samples = np.zeros(1)
     pose = (t, t, 0.0, 0.5, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, t, 0.0)
     return Truth(*pose, (t, 0.0, 2.0), (1.0, 0.0, 0.0), samples, samples)
@@ -153,7 +153,7 @@ def test_fix_qualities_are_ordered_by_accuracy():
 
 
 def ages(own_s, extra, ticks=60):
-    """Age of what is delivered in each tick [ticks], None for nothing; `extra(k)` in ticks."""
+    """Return the latency of the solution delivered in each tick [ticks], None without one; `extra(k)` is in ticks."""
     gnss = PERFECT.model_copy(update={"latency_s": own_s})
     told = delivered(gnss, [NOMINAL._replace(gnss_latency_s=extra(k) * TICK_S) for k in range(ticks)])
     return [None if fix is None else round(k - fix.x / TICK_S) for k, (fix, _) in enumerate(told)]

@@ -22,7 +22,7 @@ PATHS = [
 
 @cache
 def fine_way(path: Any) -> tuple[Any, Any]:
-    """Close times, and the way driven until each [m]."""
+    """Return closely spaced times and the distance driven until each time [m]."""
     fine = np.linspace(-1, path.duration_s + 20, 60000)
     points = np.array([path.at(s) for s in fine.tolist()])
     return fine, np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points[:, :2], axis=0).T))))
@@ -30,7 +30,7 @@ def fine_way(path: Any) -> tuple[Any, Any]:
 
 @cache
 def points_ahead(path: Any, ahead: Any) -> tuple[Any, Any]:
-    """Ticks, and the references `ahead` metres along the path from those of the ticks."""
+    """Return ticks and the reference points `ahead` metres along the path from the reference of each tick."""
     t = np.arange(0, path.duration_s, 0.05)
     fine, way = fine_way(path)
     there = np.interp(np.clip(np.interp(t, fine, way) + ahead, 1e-3, None), way, fine)

@@ -17,7 +17,7 @@ from agrobot_mj.simulation.columns import COLUMNS
 
 
 class FakeLog:
-    """A log made of columns; those not given are zero."""
+    """Log made of columns; all other columns are zero."""
 
     def __init__(self, path: Any, t: Any, **columns: Any) -> None:
         self.scenario = SimpleNamespace(path=path, duration_s=None)

@@ -23,7 +23,7 @@ SPARE_M = 0.002
 
 @st.composite
 def machines(draw):
-    """Machines from a small mower to the largest tractor, with wheels that fit beside and behind each other."""
+    """Machines from a small mower to the largest tractor, with wheels that do not intersect each other."""
     L = draw(st.floats(1.2, 3.5))
     T = draw(st.floats(0.45, 0.9)) * L
     rear = draw(st.floats(0.17, 0.40)) * L

@@ -29,7 +29,7 @@ def build(ground, tyre=None, start=ORIGIN, settle_s=3.0, **driveline):
 
 
 def icy(side, from_m=-50.0):
-    """Level ground with ice below the wheels of one side (1 left), from some way ahead of the tractor on."""
+    """Return level ground with ice below the wheels of one side (1: left), starting ahead of the tractor."""
     length = 100.0
     ice = RectanglePatch(x_m=from_m + length / 2, y_m=5.0 * side, length_m=length, width_m=10.0, friction=0.15)
     return Flat(patch=(ice,)).ground()

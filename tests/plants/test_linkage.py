@@ -28,7 +28,7 @@ def plant_of(kind, linkage, valve=None, tyre=SMOOTH):
 
 
 def steered(plant, volts, ticks):
-    """Steering angle at the end of so many ticks [deg]."""
+    """Return the steering angle after a number of ticks [deg]."""
     for _ in range(ticks):
         truth = plant.advance(Drive(NEUTRAL_V + volts, NEUTRAL_V))
     return degrees(truth.steer)

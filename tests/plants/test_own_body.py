@@ -20,7 +20,7 @@ SPHERE = '<geom size="0.1" mass="5"/>'
 
 
 def variant(tmp_path, *changes, name="mine.xml"):
-    """The template with texts replaced, each of which must be there."""
+    """Write the template with replaced texts, each of which must occur in it."""
     text = TEMPLATE.read_text(encoding="utf-8")
     for old, new in changes:
         assert old in text, old

@@ -25,7 +25,7 @@ SOME = (
     ("furrows_across", 9000.0),
     ("figure_eight_soft_soil", 9000.0),
 )
-"""Pairs that are tried by default: each mass, slopes every way, rough ground, soil, implements."""
+"""Pairs that are simulated by default: each mass, slopes in all directions, rough ground, soil, implements."""
 
 
 def fastest(truth):

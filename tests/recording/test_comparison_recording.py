@@ -9,7 +9,7 @@ from agrobot_mj.recording import info, write_comparison
 
 @pytest.fixture(scope="module")
 def compared(tmp_path_factory):
-    """Two plants, one of which ends early, and a network."""
+    """Return a comparison of two plants, one of which ends early, with a network."""
     changes = {
         "bicycle-pd": {"plant.kind": "bicycle", "controller.kind": "pd", "duration_s": 4},
         "mujoco-pd_t2fnn": {"controller.kind": "pd_t2fnn", "duration_s": 6},

@@ -25,7 +25,7 @@ class Mesh:
 
     @property
     def areas(self):
-        """Seen from above, positive when counter-clockwise."""
+        """Areas of the triangles seen from above, positive when counter-clockwise."""
         return np.cross(self.b - self.a, self.c - self.a)[:, 2] / 2
 
     def colour_at(self, x, y):

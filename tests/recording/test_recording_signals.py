@@ -19,7 +19,7 @@ UNITS = {
     **{"cm": ("m", 100), "kN": ("N", 1e-3), "%": ("-", 100), "l/min": ("m3/s", 6e4), "bar": ("Pa", 1e-5)},
     **{"deg": ("rad", DEG), "deg/s": ("rad/s", DEG), "deg/s2": ("rad/s2", DEG)},
 }
-"""For each plot unit that differs from the unit in the log: the log unit and the conversion factor."""
+"""Unit in the log and conversion factor for each plot unit that differs from the unit in the log."""
 NEGATIVE = ("e_longitudinal", "e_lateral", "tau_n")  # Columns that a plot shows with the opposite sign
 
 
@@ -33,7 +33,7 @@ def names(recorded, path):
 
 
 def check_plot(recorded, signals, plot):
-    """Times and values of a plot are those of the columns that it names."""
+    """Check that times and values of a plot equal those of its columns."""
     columns, every = [series.column for series in plot.series], slice(None, None, plot.every)
     expected = np.array([signals[name][every] * (-1 if name in NEGATIVE else 1) for name in columns])
     there = np.isfinite(expected).all(axis=0)
@@ -95,7 +95,7 @@ def test_plotted_yaw_errors_are_small_across_the_angle_wrap(short, tmp_path):
 
 @pytest.fixture(scope="module")
 def worn(tmp_path_factory):
-    """A run with a fault, under the estimator that knows a steering bias."""
+    """Return a run with a fault and the estimator with a steering bias."""
     path = tmp_path_factory.mktemp("ailing") / "run.rrd"
     fault = {"kind": "gnss_loss", "start_s": 4, "end_s": 6}
     scenario = load_scenario("straight_line", {"duration_s": 8, "estimator.kind": "ekf_bias", "fault": [fault]})

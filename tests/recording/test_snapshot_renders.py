@@ -55,7 +55,7 @@ def pictures(eight, tabs, tmp_path_factory):
 
 
 def near(picture, colour, tolerance=24):
-    """Share of the picture that has nearly this colour."""
+    """Return the fraction of the image with nearly this colour."""
     return (abs(picture - np.array(colour)).max(axis=-1) < tolerance).mean()
 
 

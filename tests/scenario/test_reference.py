@@ -33,7 +33,7 @@ TYPES = {
 
 
 def conforms(value, schema):
-    """Whether a value is as the JSON schema has it; knows the words that ours uses."""
+    """Return whether a value conforms to the JSON schema; only the keywords used in the schema are supported."""
     if "$ref" in schema and not conforms(value, SCHEMA["$defs"][schema["$ref"].rpartition("/")[2]]):
         return False
     for word, count in (("oneOf", lambda n: n == 1), ("anyOf", lambda n: n > 0)):

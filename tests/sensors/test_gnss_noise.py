@@ -16,7 +16,7 @@ REAL = Gnss(
     **{"sigma_m": 0.003, "correlated_fraction": 0.0, "velocity_sigma_m_s": 0.0},
     **{"multipath_sigma_m": 0.006, "multipath_time_s": 4.0, "drift_sigma_m": 0.01, "drift_time_s": 30.0},
 )
-"""As a real receiver, but with correlation times that a short test can see."""
+"""Receiver with typical noise, but with correlation times short enough for a test."""
 LONGEST_LAG_S = 4.0
 
 

@@ -115,7 +115,7 @@ def test_pedal_potentiometer_measures_in_pedal_units():
 
 
 def errors(gnss, ticks, quality=Quality.FIX):
-    """Of x, y (m) and vx, vy (m/s), shape (ticks, 4)."""
+    """Return the errors of x, y [m] and vx, vy [m/s], shape (ticks, 4)."""
     state, now, fixes = gnss.init(5), truth(), []
     for _ in range(ticks):
         state, (fix, _) = gnss.measure(state, now, NOMINAL._replace(gnss_quality=quality), DT)

@@ -26,7 +26,7 @@ from agrobot_mj.tyres.linear import Linear
 
 
 def scenario(**parts):
-    """A run of half a second on the bicycle, with these parts in place of its own."""
+    """Return a run of half a second on the bicycle with replaced components."""
     return load_scenario("straight_line", {"plant.kind": "bicycle", "duration_s": 0.5}).model_copy(update=parts)
 
 

@@ -19,7 +19,7 @@ ROWS = 300_000  # Four hours of work
 
 @pytest.fixture(scope="module")
 def log():
-    """A log of that many rows, those of ten seconds over and over."""
+    """Return a log of a given number of rows that repeats the rows of ten seconds."""
     sim = Simulation("circle", {"plant.kind": "bicycle", "duration_s": ROWS * TICK_S, "path.turns": 250})
     sim.reset()
     for _ in range(200):
@@ -34,7 +34,7 @@ def log():
 
 @contextmanager
 def at_most(most):
-    """Allocations of Python and numpy in the block stay below so many bytes at any moment."""
+    """Check that allocations of Python and numpy in the block never exceed a number of bytes."""
     tracemalloc.start()
     try:
         yield

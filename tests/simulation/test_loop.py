@@ -40,7 +40,7 @@ def short(name="straight_line", seconds=3.0, **overrides):
 
 
 class Witness:
-    """A watcher that writes down what it hears."""
+    """Observer that records its calls."""
 
     def __init__(self):
         self.heard, self.seen = [], 0

@@ -275,7 +275,7 @@ class Inner(NamedTuple):
 
 
 class Sample(NamedTuple):
-    """A message of every shape of field, in an order of its own."""
+    """Message with a field of every type."""
 
     x: float
     word: str

@@ -227,7 +227,7 @@ class Scribbler(GuidanceLaw):
         return {"steps": [], "sum": np.zeros(2), "generator": stream(1, "scribbler")}
 
     def update(self, state: Any, situation: Situation, dt: float) -> tuple[Any, Command]:
-        """Steers by what it has written down."""
+        """Steer by a value that the law itself has stored."""
         state["steps"].append(situation.t)
         state["sum"] += state["generator"].standard_normal(2)
         return state, Command(0.01 * float(state["sum"][0]) + 0.001 * len(state["steps"]), 1.0)

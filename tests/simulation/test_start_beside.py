@@ -13,7 +13,7 @@ BESIDE = {"path.start_offset_m": 0.8, "path.start_heading_deg": -15.0}
 
 
 UNIT = {"sensors.imu.enabled": True, "sensors.imu.wander_sigma_deg": 0.0, "estimator.terrain_compensation": True}
-"""On a slope the antenna leans, of which an estimator knows only with an inertial unit."""
+"""Inertial unit by which an estimator accounts for the roll of the antenna on a slope."""
 
 
 @pytest.mark.parametrize(

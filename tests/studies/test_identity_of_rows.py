@@ -48,7 +48,7 @@ def driven(monkeypatch):
 
 
 def written(folder, **files):
-    """Text files in a folder, those with `_` for a dot in their names."""
+    """Write text files in a folder; `_` stands for the dot in their names."""
     for name, text in files.items():
         (folder / name.replace("_", ".")).write_text(text)
 

@@ -17,7 +17,7 @@ from agrobot_mj.studies.engine import workers as pool
 
 @pytest.fixture
 def interruptible():
-    """SIGINT as in a terminal; a shell's background job and what it starts ignore it."""
+    """Restore the default SIGINT action, which a background job of a shell and its children ignore."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)

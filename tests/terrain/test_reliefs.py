@@ -52,7 +52,7 @@ def test_furrow_crest_offset_can_be_configured():
 
 
 def wheel_heights(terrain, seconds, speed=0.4, tyre=MagicFormula()):
-    """Positions along the way and heights of the four wheels' centres on a straight drive to the east."""
+    """Return positions along the path and the heights of the four wheel centres on a straight path to the east."""
     plant, truth = mujoco_plant(tyre, terrain)
     driver, seen = Driver(plant, truth, speed), []
     for _ in range(round(seconds / 0.05)):
@@ -180,7 +180,7 @@ def test_steep_furrows_may_stop_the_tractor_but_not_lift_it(tyre, profile):
 
 
 def energy_beyond_the_engines_work(plant, truth, speed, seconds):
-    """Largest surplus of the tractor's energy over what it began with and the actuators put in [J]."""
+    """Return the maximum of the tractor's energy minus its initial energy and the work of the actuators [J]."""
     model, data, pedal = plant.model, plant.data, Pedal(speed)
 
     def mechanical():

@@ -31,7 +31,7 @@ def under_tilted_gravity(tyre, uphill_deg, driveline):
 
 
 def frame(ground):
-    """Of a plane: along it east as seen from above, to the left of that, and normal, as columns."""
+    """Return the axes of a plane as columns: along the plane to the east seen from above, to the left, and normal."""
     h = ground.heights
     n = np.array([h[0, 0] - h[0, 1], h[0, 0] - h[1, 0], ground.spacing])
     n /= np.linalg.norm(n)

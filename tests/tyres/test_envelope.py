@@ -187,7 +187,7 @@ def carried(ground, radius, x, y, axle, load, stiffness):
 
 
 def thrust(ground, radius, way, axle, load=1000.0, stiffness=1.4e5):
-    """Work that a wheel without friction does when it is dragged along `way` (n, 2) [m], over load times way [-]."""
+    """Return the work of a frictionless wheel dragged along `way` (n, 2) [m], divided by load times distance [-]."""
     forces = np.array([carried(ground, radius, x, y, axle, load, stiffness)[1] for x, y in way])
     steps = np.diff(way, axis=0)
     work = (0.5 * (forces[1:] + forces[:-1]) * steps).sum()

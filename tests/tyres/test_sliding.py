@@ -36,7 +36,7 @@ SPEEDS = (0.05, 0.3, 1.0, 4.0)
 
 @jit
 def hold(tyres, i, ground, motion, steps, bristle, wrench, report):
-    """So many steps at a constant motion."""
+    """Evaluate a number of steps at a constant motion."""
     for _ in range(steps):
         wheel_step(tyres, i, ground, motion, DT, bristle, wrench, report)
 
@@ -53,7 +53,7 @@ class Wheel:
         self.bristle, self.wrench, self.report = np.zeros(3), np.zeros(6), np.zeros(6)
 
     def step(self, v_x, v_y, rim, steps=1):
-        """Report after so many steps at velocities forward and left of the hub and of the rim [m/s]."""
+        """Return the report after a number of steps at hub velocities forward and left and at a rim velocity [m/s]."""
         motion = WheelMotion(
             (0.0, 0.0, self.radius - self.sunk), (0.0, 1.0, 0.0), (v_x, v_y, 0.0), (0.0, rim / self.r_e, 0.0)
         )

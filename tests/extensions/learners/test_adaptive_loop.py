@@ -16,7 +16,8 @@ NOISE = radians(0.08)
 
 
 def steer(loop, seconds, valve=SOUND, wanted=None, noise=NOISE, state=None, stuck=False):
-    """Wanted and true angles every tick, and the state: delay and lag 0.1 s, (gains, dead bands) left and right."""
+    """Return reference and true angles per tick and the state; delay and lag are 0.1 s, gains and dead bands left and
+    right."""
     dt, angle, spool = 0.005, 0.0, 0.0
     state = state._replace(steer=None, piece=Stretch()) if state else loop.init()
     generator = np.random.default_rng(3)

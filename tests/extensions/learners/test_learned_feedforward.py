@@ -20,7 +20,7 @@ LAW = LearnedFeedforward().using(Pd())
 
 
 def _situation(path=None, t: float = 20.0, offset: float = 0.0, sigma: float = 0.01, **estimate) -> Situation:
-    """On the path, or `offset` [m] to its left."""
+    """Return a situation on the path, or `offset` [m] to its left."""
     path = path or Circle()
     r = path.at(t)
     x, y = r.x - offset * sin(r.yaw), r.y + offset * cos(r.yaw)

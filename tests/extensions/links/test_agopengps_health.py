@@ -125,7 +125,7 @@ def test_error_after_waiting_for_a_host_states_if_hellos_were_received(host, nam
 
 
 class Scanning(Bridge):
-    """Asks once who is there."""
+    """Host that sends one scan message."""
 
     def __init__(self):
         self.sent = []

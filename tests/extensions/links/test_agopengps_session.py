@@ -174,7 +174,7 @@ def test_replay_of_recorded_traffic_gives_bit_identical_signals(driven, tmp_path
 
 
 class Interrupted(Answered):
-    """A line that kills its host's process once that has asked for a turn of 8 deg for a second."""
+    """Link that kills the process of its host once the host has commanded 8 deg for a second."""
 
     def __init__(self, sockets, process):
         super().__init__(sockets)

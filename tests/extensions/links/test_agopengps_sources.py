@@ -52,14 +52,15 @@ class Bench:
         self.send(SteerSettings(40, 60, 9, 9, self.per_degree, offset, ackermann))
 
     def shown(self, left_deg):
-        """What 253 says with the wheels there [deg], right positive."""
+        """Return the angle in message 253 for a wheel angle [deg], positive to the right."""
         self.state, _ = self.board.tick(self.state, self.t, radians(left_deg + self.bias))
         (report,) = self.send(SteerData(1.0, 0, 0.0))
         assert isinstance(report, SteerState)
         return -degrees(report.steer)
 
     def wheels_for(self, left_deg):
-        """Where the true wheels go when the host asks for an angle: the loop behind uses the same sensor [deg]."""
+        """Return the true wheel angle for an angle commanded by the host [deg]; the steering loop uses the same
+        sensor."""
         self.send(SteerData(1.0, 0, 0.0))
         self.send(SteerData(1.0, 4 | 1, radians(left_deg)))
         self.state, actuation = self.board.tick(self.state, self.t, 0.0)

@@ -174,7 +174,7 @@ def listening(pid):
 
 
 def sockets_of(process):
-    """Those addresses once there are some."""
+    """Return the socket addresses as soon as they exist."""
     end = time.monotonic() + 300
     while not (found := listening(process.pid)) and time.monotonic() < end and process.poll() is None:
         time.sleep(0.2)

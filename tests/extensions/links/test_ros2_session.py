@@ -18,7 +18,8 @@ LOCK_STEP = RosOptions("lock_step", wait_s=0.2)
 
 
 class Program:
-    """Answers /odometry with `law(content)`, None for no answer; stands in for a node and a program beside it."""
+    """Program that answers /odometry with `law(content)`, or not at all for None; it replaces the node and an external
+    program."""
 
     def __init__(self, law, types=()):
         self.law, self.heard, self.last, self.sent, self.pending = law, 0, None, [], None

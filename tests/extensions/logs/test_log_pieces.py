@@ -169,7 +169,7 @@ def test_speed_of_a_segment_starting_at_speed_agrees_with_positions():
 
 
 def left_out(columns, log_map):
-    """What is kept of a log, and the positions left out."""
+    """Return the remaining log and the omitted positions."""
     found = pieces([read(columns, log_map)])
     told = [note for note in found.notes if "positions that jump" in note]
     return found, int(told[0].split("omitted ")[1].split()[0]) if told else 0

@@ -27,7 +27,7 @@ from agrobot_mj.simulation.storage import write_log
 
 
 def summary(found, tractor):
-    """What is said of a replay."""
+    """Return the printed text of a replay."""
     return "\n".join(replay_sentences(found, tractor))
 
 
@@ -63,7 +63,7 @@ def driven():
 
 
 def as_csv(log, file, **changes):
-    """The log as somebody else would write it: other names, units, signs, with a text column beside."""
+    """Write the log with other names, units and signs, and with an additional text column."""
     x, y = log.column("gnss_x"), log.column("gnss_y")
     places = [to_geodetic(Origin(51.0, 4.0), *p) for p in zip(x, y, strict=True)]
     columns = {

@@ -72,7 +72,7 @@ def listeners(pid):
 
 
 def wait_for(port):
-    """Wait until the page answers: the server listens from a thread of its own."""
+    """Wait until the page answers; the server runs in a separate thread."""
     end = time.monotonic() + 30
     while True:
         try:

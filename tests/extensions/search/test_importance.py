@@ -25,7 +25,7 @@ TEXT += "".join(f'"{key}" = {{ uniform = [{-pi}, {pi}] }}\n' for key in KEYS)
 
 
 def in_file(folder):
-    """What importance.json says of each group."""
+    """Return the content of importance.json for each group."""
     return json.loads((folder / "importance.json").read_text())["groups"]
 
 
@@ -39,7 +39,7 @@ def plain(found):
 
 @pytest.fixture
 def plan(tmp_path):
-    """The plan of a design with so many samples and seeds; its two groups differ in a key that nothing reads."""
+    """Return the plan of a design with numbers of samples and seeds; its two groups differ in a key without effect."""
 
     def made(samples, seeds=1, method="saltelli"):
         text = TEXT.replace("SAMPLES", str(samples)).replace("SEEDS", str(seeds)).replace("METHOD", method)
@@ -181,7 +181,7 @@ def linear(x):
 
 
 def claims(found):
-    """Pairs of keys of which the first is said to matter more."""
+    """Yield pairs of keys of which the first is ranked above the second."""
     return [(a.key, b.key) for a in found.shares for b in found.shares if a.worst < b.best]
 
 

@@ -358,7 +358,7 @@ def test_merging_a_damaged_sweep_writes_nothing(serial, tmp_path, call):
 
 
 def start(folder, *arguments):
-    """`agrobot-mj sweep` in a process group of its own."""
+    """Start `agrobot-mj sweep` in a separate process group."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "agrobot_mj", "sweep", *arguments]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
@@ -366,7 +366,7 @@ def start(folder, *arguments):
 
 
 def group(pid):
-    """Processes of a session, without those that have ended."""
+    """Return the running processes of a session."""
     found = []
     for entry in Path("/proc").glob("[0-9]*"):
         try:

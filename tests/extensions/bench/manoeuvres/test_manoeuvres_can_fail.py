@@ -53,7 +53,8 @@ def one_tyre(monkeypatch):
 
 
 def swap(monkeypatch, change):
-    """Drive another plant: `change` takes the arguments of `mujoco_plant` and returns those to use."""
+    """Replace the simulated plant: `change` receives the arguments of `mujoco_plant` and returns the arguments to
+    use."""
     monkeypatch.setattr(
         base, "mujoco_plant", lambda tyre, terrain=LEVEL, *a, **k: mujoco_plant(*change(tyre, terrain, *a), **k)
     )

@@ -156,7 +156,7 @@ NO_FIX = Fix(nan, nan, nan, nan, nan)
 
 
 def _written(h: Drawn, measured: list[Any]) -> tuple[pa.Table, LogMap]:
-    """Return log columns and map of an owner who knows no centre, scale, sign, latency or antenna position."""
+    """Return log columns and map of a user who does not have centre, scale, sign, latency or antenna position."""
     fixes = [m.fix or NO_FIX for m in measured]
     speeds = {
         "receiver": [np.hypot(fix.vx, fix.vy) for fix in fixes],

@@ -179,7 +179,7 @@ def test_speed_in_the_wrong_unit_is_rejected(log, unit):
 
 
 def exchanged(table):
-    """The log with its positions' columns named the wrong way round."""
+    """Return the log with exchanged names of its position columns."""
     names = {"gnss_x": "gnss_y", "gnss_y": "gnss_x"}
     return table.rename_columns([names.get(name, name) for name in table.column_names])
 

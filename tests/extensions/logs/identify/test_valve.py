@@ -37,7 +37,7 @@ MORE = [
     pytest.param("bicycle", OTHER_VALVE, id="bicycle-other", marks=pytest.mark.slow),
     pytest.param("mujoco", None, id="mujoco-default", marks=pytest.mark.slow),
 ]
-"""Beside the bicycle's default valve, which more tests look at."""
+"""Plants and valves in addition to the default valve on the bicycle, which other tests identify."""
 LATE_OIL_S = 0.008  # Lag of the oil spring, which counts as delay: damping over stiffness of the cylinder
 
 
@@ -71,7 +71,7 @@ def calm():
 
 @pytest.fixture(scope="module")
 def fitted(calm):
-    """What is identified from `calm`."""
+    """Return the valve identified from `calm`."""
     return identify(calm.signals)
 
 

@@ -27,7 +27,7 @@ STEADY = ("front", "rear", "offset", "delay", "backlash")
 
 
 def said(result):
-    """What is said of an identification."""
+    """Return the printed text of an identification."""
     return "\n".join(vehicle_sentences(result, BICYCLE.tractor))
 
 
@@ -38,7 +38,7 @@ def hidden():
 
 @pytest.fixture(scope="module")
 def steady(hidden):
-    """What is identified from `hidden` without relaxation."""
+    """Return the vehicle identified from `hidden` without relaxation lengths."""
     return identify_vehicle(hidden.signals, None, BICYCLE, STEADY)
 
 

@@ -32,7 +32,7 @@ class Process(NamedTuple):
     drift: float = 0.0
 
     def drive(self, wanted, random):
-        """A walk that is wanted: a new one, or a copy up to its first place above the level."""
+        """Return a new random walk, or a copy up to its first position above the level."""
         parent, level = wanted
         begun = np.zeros(1) if parent is None else parent.places[: np.argmax(parent.places > level) + 1]
         left = self.steps + 1 - len(begun)
