@@ -93,7 +93,7 @@ def test_error_for_a_former_command_names_the_new_command(call, name):
 
 
 @pytest.mark.parametrize("option", ["--out", "--jobs", "--seeds"])
-def test_option_of_one_name_has_the_same_help_in_every_command(option):
+def test_each_shared_option_has_the_same_help_in_every_command(option):
     found = {
         (each.metavar, each.help, each.multiple)
         for command in COMMANDS.values()

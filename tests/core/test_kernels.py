@@ -96,7 +96,7 @@ def test_compiled_results_are_constructed_without_python_calls():
 
 
 @pytest.mark.skipif(CACHE is None, reason="nothing is kept")
-def test_kernel_compiled_for_types_of_other_packages_is_not_cached():
+def test_kernel_with_argument_types_of_other_packages_is_not_cached():
     """Another process may lack their class, and a change of their source would go unseen."""
 
     def kept():

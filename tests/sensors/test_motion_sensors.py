@@ -71,7 +71,7 @@ def test_gyro_bias_walk_does_not_change_the_white_noise():
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_wheel_speed_of_both_plants_includes_rolling_radius_and_slip(plant):
+def test_wheel_speed_exceeds_ground_speed_only_on_the_mujoco_plant(plant):
     """MuJoCo: the loaded tyre rolls on less than its free radius, and slips a little to overcome its resistance."""
     loop = Loop(load_scenario("straight_line", {"plant.kind": plant}))
     assert loop.truth.wheel_speed == pytest.approx(0.0, abs=1e-3)

@@ -156,7 +156,7 @@ def test_log_without_positions_is_not_divided():
     check_columns(found.kept)
 
 
-def test_speed_of_a_segment_starting_at_speed_agrees_with_positions():
+def test_segment_that_starts_in_motion_keeps_its_speed_and_positions():
     """The driven distance is the integral of 0.5 m/s for 40 s and of 5 m/s for 20 s."""
     t = np.arange(0, 60, 0.1)
     speed = np.interp(t, [0, 39.5, 40.5, 60], [0.5, 0.5, 5, 5])
