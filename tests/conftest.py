@@ -58,6 +58,7 @@ def call(monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("agrobot_mj.studies.engine.workers.cores", lambda: 1)
     monkeypatch.setattr("agrobot_mj.simulation.progress.BETWEEN_LINES_S", inf)
+    monkeypatch.setattr("agrobot_mj.simulation.progress.SILENCE_S", 1e6)
 
     def command(*arguments):
         monkeypatch.setattr(sys, "argv", ["agrobot-mj", *map(str, arguments)])
