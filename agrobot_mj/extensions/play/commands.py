@@ -55,7 +55,7 @@ def play(
             webbrowser.open(url)
 
     driven = drivable(scenario)
-    tell("placing the tractor; the first start takes up to a minute for compilation")
+    tell("placing the tractor; the first start takes about half a minute for compilation")
     options = PlayOptions(port, network, seconds, not no_rrd)
     with ExitStack() as waiting, stop_on_signals() as stopped, redirect_stdout(io.StringIO()):
         waiting.enter_context(compiling_beside(scenario))
