@@ -75,7 +75,7 @@ def main() -> None:
 
 
 def _of_plugin(error: Exception) -> str:
-    """Return the traceback of an error from the first frame in a plugin file, or an empty string without a plugin."""
+    """Return the traceback of an error from the first frame in a plugin file, or an empty string without this frame."""
     if (plugins := sys.modules.get("agrobot_mj.scenario.plugins")) is None:
         return ""
     files, frame = set(map(str, plugins.loaded_files())), error.__traceback__

@@ -1,4 +1,4 @@
-"""Handling of Ctrl-C and SIGTERM. Runs end as `aborted` with complete files; other work is cancelled."""
+"""Handling of Ctrl-C and SIGTERM. Runs end as `aborted` with complete files; other work is cancelled and cleaned up."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -68,7 +68,7 @@ def run(
 
 
 def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ...]":
-    """Return the recorders of a run, which write to `folder` or a live viewer, or an empty tuple without recording."""
+    """Return the recorders of a run for `folder`, a live viewer or both, or an empty tuple without recording."""
     from agrobot_mj.simulation.storage import RECORDING, can_record
 
     if not live and not (recorded and can_record()):

@@ -80,7 +80,7 @@ class Situation(NamedTuple):
         return Situation(self.t, estimate, *self[2:])  # faster than `_replace`
 
     def steer_limit(self, lateral_acceleration_m_s2: float) -> float:
-        """Return the maximum steering angle [rad] that keeps the lateral acceleration below a given maximum [m/s2]."""
+        """Return the maximum absolute steering angle [rad] for a maximum lateral acceleration [m/s2]."""
         m, u = self.machine, max(abs(self.estimate.speed), SLOWEST_M_S)
         return min(m.steer_limit, atan(m.wheelbase_m * lateral_acceleration_m_s2 / (u * u)))
 
@@ -211,9 +211,10 @@ class YawController(Reporting):
 
 
 class AngleLoop(Learner):
-    """Base class of the steering loops (`[steering.loop] kind`), which map the steering-angle error to a valve voltage.
+    """Base class of the steering loops (`[steering.loop] kind`).
 
-    The state has the attribute `reference`, the current reference angle [rad].
+    A loop maps the commanded and measured steering angles to a valve voltage. The state has the attribute `reference`,
+    the current reference angle [rad].
     """
 
     kind: str

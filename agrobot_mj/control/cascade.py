@@ -22,7 +22,9 @@ SPEED_COLUMNS = (
 
 
 WHEEL_LAG = radians(5.0)
-"""Steering-angle lag above which the integral of the yaw controller is frozen [rad]. Assumed value."""
+"""Steering-angle lag (command minus measurement) above which the integral of the yaw controller is frozen [rad].
+Assumed value.
+"""
 
 
 class CascadeState(NamedTuple):

@@ -22,7 +22,7 @@ SWAY_S, TURN_TIME_S = 2.0, 10.0
 """Short and long time constant [s] for averaging the difference between course and gyro angle. Assumed values: the
 short one covers several oscillations of the antenna; a gyro bias of 0.3 deg/s separates the two means by 2.4 deg."""
 TILT_TIME_S = 4.0
-"""Averaging time of the tilt computed from the specific force [s]. Assumed value: twice the acceleration time."""
+"""Averaging time of the tilt computed from the specific force [s]. Assumed value: twice the duration of a start."""
 GAP_S = 0.5
 """Maximum time between two fixes over which their velocities are integrated [s]. Assumed value (10 missing fixes)."""
 BEND_ERROR = 0.25
@@ -171,7 +171,7 @@ class TurnEvidence(NamedTuple):
     long: complex = 0j  # Fix velocity rotated back by the gyro angle `turned`, mean over TURN_TIME_S [m/s]
 
     def after(self, m: Sensed, fix: Fix, quality: int, dt: float) -> "TurnEvidence":
-        """Return the means after a tick of `dt` [s], or reset means without a gyro or a recent valid fix."""
+        """Return the means after a tick of `dt` [s], reset without a gyro and `HELD_S` after the last valid fix."""
         turned, time = self.turned + m.gyro * dt, m.t - self.t
         if isnan(turned) or (time > HELD_S and self.known_s > 0.0):
             return TurnEvidence(m.t, 0.0, 0.0, 0j, 0j)

@@ -223,7 +223,8 @@ class SteeringLoop(AngleLoop):
     deadband_compensation_v: NonNegative = 0.3
     """Voltage that compensates the valve's dead band [V]. Assumed value, below the dead band to avoid limit cycles."""
     tolerance_deg: Positive = 0.1
-    """Maximum angle error without dead-band compensation [deg]. Assumed value, below the potentiometer's resolution."""
+    """Maximum angle error without dead-band compensation [deg]. Assumed value, below the potentiometer's resolution of
+    1 deg."""
     reference_rate_deg_s: Positive | None = None
     """Maximum rate of the reference angle [deg/s]. Default: null (no limit), as in the paper. A limit of 26 deg/s, the
     maximum rate of the valve, removes the jump of the command at the return of GNSS fixes."""

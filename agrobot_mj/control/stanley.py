@@ -43,7 +43,7 @@ from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 
 WHEEL_LAG = radians(3.0)
-"""Steering-angle lag above which the integral is frozen: command minus measurement [rad]. Assumed value."""
+"""Difference between commanded and measured steering angle above which the integral is frozen [rad]. Assumed value."""
 
 
 class StanleyState(NamedTuple):

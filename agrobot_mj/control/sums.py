@@ -16,7 +16,7 @@ from agrobot_mj.machine.tractor import GRAVITY
 COMPLIANCE = radians(0.8)
 """Modelled tyre compliance: sideslip per lateral specific force [rad s2/m]. Assumed value: 0.5 deg s2/m on soil."""
 CLIMB_SLIP = 0.01
-"""Modelled wheel slip on a climb, divided by the gravity component along the slope [s2/m]. Assumed value."""
+"""Modelled wheel slip on a climb divided by the gravity along the slope [s2/m]. Assumed value for firm ground."""
 COMPASS_S = 5.0
 """Time constant for comparing the antenna heading with the gyro [s]. Assumed value, short compared with gyro drift."""
 BRIDGED_SIGMA = radians(0.15)
@@ -81,7 +81,7 @@ class Sums(NamedTuple):
     rest: complex = 0j  # Mean of `lever`, the antenna position, over `ROCKING_S` [m]
     rocking: float = 0.0  # Mean distance of the antenna from its mean position `rest` [m]
     swing: float = 0.0
-    """Angle of the towed implement to the tractor [rad], from the path of the rear axle; 0 without an implement."""
+    """Angle of the drawn implement to the tractor [rad], from the path of the rear axle; 0 without this implement."""
     hopping: float = 0.0
     """Mean variation of the vertical specific force, divided by g [-], or 0 if the force is not measured."""
     wheels: float = 0.0  # Smoothed wheel speed at the times of the fixes [m/s]

@@ -200,7 +200,7 @@ def _watched(
     most: Held[Limits], w: Held[MonitorSignals], over_s: Vector, nearest: PathPoint, estimate: Held[Estimate],
     m: Sensed, fix: Fix, quality: int, steer: float, wanted: MonitoredCommand, reckoned: tuple[float, float], dt: float,
 ) -> tuple[Held[MonitorSignals], tuple[float, float, float], Vector, int, float, bool]:  # fmt: skip
-    """Return the monitor signals after a tick, `SupervisorState.shown`, and the weighted times above the limits.
+    """Return the monitor signals after a tick, `SupervisorState.shown`, and the weighted times above the limits [s].
 
     The other results are the index of the first monitor that requires a stop (or -1), the signal of this monitor, and
     whether a monitor cuts the power of the pedal valve.

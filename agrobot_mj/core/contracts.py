@@ -55,7 +55,7 @@ def check_pair(found: Any, wanted: str, stage: str, kind: str, method: str) -> t
 
 
 def is_compiled(part: Any, *methods: str) -> bool:
-    """Return whether `part.compiled` is valid. Subclasses that override one of `methods` invalidate this code."""
+    """Return whether `part.compiled` exists and no subclass overrides one of the `methods` that `compiled` replaces."""
     kinds = type(part).__mro__
     first = {name: next(k for k, kind in enumerate(kinds) if name in vars(kind)) for name in ("compiled", *methods)}
     return part.compiled is not None and first["compiled"] == min(first.values())

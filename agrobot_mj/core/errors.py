@@ -24,7 +24,7 @@ def shortened(text: str, most: int = LONGEST_VALUE) -> str:
 
 
 def bounded(text: str) -> str:
-    """Return a message limited to about `MOST_LINES` lines. The last line contains the number of omitted lines."""
+    """Return a message of at most about `MOST_LINES` lines. If lines are omitted, the last line states their number."""
     lines, end = text.split("\n"), " more lines"
     shown = [shortened(line, LONGEST_LINE) for line in lines[: MOST_LINES + 1]]
     length = len("\n".join(shown))

@@ -99,7 +99,7 @@ def held_back() -> Block:
 
 
 def until_the_end() -> Block:
-    """Delay signals to the end of the block, regardless of its duration, for C code that loses exceptions."""
+    """Delay signals to the end of the block, whatever its duration, for C code that loses exceptions of callbacks."""
     return Block(True, patient=True)
 
 
@@ -143,7 +143,7 @@ def _keep(number: int, frame: Any) -> None:
 
 
 def _set_aside() -> None:
-    """Replace the handlers of all `HELD` signals by `_keep`. Restore the handlers if an exception occurs."""
+    """Replace the Python handlers of the `HELD` signals by `_keep`. Restore the handlers if an exception occurs."""
     _STATE.since = monotonic()
     try:
         for number in HELD:

@@ -45,7 +45,7 @@ def _content() -> str:
 
 
 def _cache() -> Path | None:
-    """Create and return the cache folder of this version, or None if the folder is not writable. Delete old caches."""
+    """Create and return the cache folder of this version, or None if not writable. Delete the oldest caches."""
     home = _home()
     folder = home / _content()
     try:

@@ -28,7 +28,7 @@ class SmoothedTilt(NamedTuple):
     pitch_rate: float = 0.0  # Rate of the filtered pitch [rad/s]
 
     def after(self, roll: float, pitch: float, dt: float) -> "SmoothedTilt":
-        """Return the filtered tilt after a measurement of roll and pitch [rad], `dt` [s] after the last measurement."""
+        """Return the filtered tilt after a measurement of roll and pitch [rad], `dt` [s] after the previous one."""
         new = 1.0 - exp(-dt / SMOOTHING_S)
         d_roll, d_pitch = new * (roll - self.roll), new * (pitch - self.pitch)
         return SmoothedTilt(self.roll + d_roll, self.pitch + d_pitch, d_roll / dt, d_pitch / dt)

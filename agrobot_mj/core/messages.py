@@ -82,7 +82,7 @@ def fault(error: Mapping[str, Any]) -> str:
 
 
 class _Repeated:
-    """Invalid input value quoted in a message, shortened to `LONGEST_VALUE` characters."""
+    """Invalid input value quoted in a message, shortened to about `LONGEST_VALUE` characters."""
 
     def __init__(self, value: Any) -> None:
         self.value = value

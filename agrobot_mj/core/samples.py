@@ -92,7 +92,10 @@ def point_at(samples: Matrix, s: float) -> PathPoint:
 
 @jit
 def curvatures_at(samples: Matrix, distances: Vector) -> tuple[Vector, float]:
-    """Return the curvatures [1/m] at the arc lengths `distances` [m] (0 before the start), and the maximum distance."""
+    """Return the curvature [1/m] of the last sample up to each of `distances` [m], and the maximum of `distances`.
+
+    The curvature at a distance before the start is 0.
+    """
     found, last, most = np.zeros(distances.size), samples.shape[0] - 1, -np.inf
     for i in range(distances.size):
         most = max(most, distances[i])

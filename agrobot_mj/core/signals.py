@@ -100,7 +100,7 @@ class Truth(NamedTuple):
 
 
 class Fix(NamedTuple):
-    """GNSS solution: position and velocity of the antenna."""
+    """GNSS solution: position and velocity of the antenna, and the heading from two antennas."""
 
     x: float
     """East coordinate of the antenna [m]."""
@@ -255,7 +255,7 @@ class Estimate(NamedTuple):
     """Bias of the measured steering angle [rad], left positive: measured angle minus the angle that explains the
     motion. NaN if not estimated."""
     sideslip: float = 0.0
-    """Course of the rear-axle point R minus its heading [rad], if `yaw` is the course. Zero if not identifiable."""
+    """Course of the rear-axle point R minus the heading [rad] if `yaw` is the course, or 0 if not identifiable."""
     aligned: bool = True
     """Whether the filter has determined the yaw. Before alignment `yaw` is the initial value."""
     fix_age: float = nan

@@ -107,7 +107,10 @@ def _cells(source: Source, wanted: Sequence[str], why: dict[str, str] | None) ->
 
 
 def loaded(source: Source) -> Source:
-    """Return a log that can be read by columns; a CSV file becomes a table. Raises `FieldLogError` for a bad file."""
+    """Return a log that can be read by columns; a CSV file becomes a table.
+
+    Raises `FieldLogError` for an unreadable file.
+    """
     if isinstance(source, pa.Table) or _is_parquet(source):
         return source
     names = column_names(source)

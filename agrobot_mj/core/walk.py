@@ -132,7 +132,7 @@ def elsewhere(root: type[Spec], name: str) -> str:
 def named(root: type[Spec], name: str, table: str = "") -> list[str]:
     """Return up to `MOST_OFFERED` dotted keys that end with `name`, keys in `table` first.
 
-    A name without an underscore is searched for only near the root.
+    Outside `table`, a name without an underscore is searched for only near the root.
     """
     found = index_of(root).names.get(name, [])
     inside = [dotted for dotted in found if table and dotted.startswith(f"{table}.")]

@@ -61,7 +61,7 @@ class EkfFull(CompiledEstimator):
     """Axis of the gyro assumed by the filter: `vertical`, or `body` for an axis fixed to the chassis. With terrain
     compensation, the rate about a `body` axis is converted to a heading rate."""
     imu_wander_sigma_deg: NonNegative = 0.14
-    """Standard deviation of the slow error of roll and pitch [deg]. Assumed value, below the 0.2 of the sensor
+    """Standard deviation of the slow error of roll and pitch [deg]. Assumed value, below the 0.2 deg of the sensor
     model."""
     lean_sigma_deg: NonNegative = 0.1
     """Standard deviation of the unmeasured tilt on level ground [deg]. Assumed value (0.1-0.3) for roll in bends."""
@@ -161,7 +161,8 @@ class EkfFull(CompiledEstimator):
     gate_position_m: NonNegative = 0.25
     """Position innovation up to which every fix is accepted [m]. Assumed value: antenna height 2 m, tilt 7 deg."""
     gate_velocity_m_s: NonNegative = 0.5
-    """Velocity innovation up to which every fix is accepted [m/s]. Assumed value: antenna oscillation of 15 deg/s."""
+    """Velocity innovation up to which every fix is accepted [m/s]. Assumed value for an antenna oscillation of 15
+    deg/s."""
     gate_patience_s: Positive = 2.0
     """Duration of consecutive rejections [s] before the filter restarts from the fixes. Assumed value (1-5)."""
 

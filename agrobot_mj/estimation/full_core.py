@@ -139,7 +139,7 @@ def at_fix(mean: Vector, covariance: Matrix, fix: Fix, noise: FixNoise) -> tuple
 
 @jit
 def turned(mean: Vector, covariance: Matrix, angle: float, sigma: float) -> tuple[Vector, Matrix]:
-    """Return mean and covariance with the yaw rotated by `angle` [rad] and given the standard deviation `sigma`."""
+    """Return mean and covariance after rotating the yaw by `angle` [rad], with its standard deviation `sigma` [rad]."""
     mean = mean.copy()
     mean[PSI] += angle
     return mean, alone(covariance, PSI, sigma)

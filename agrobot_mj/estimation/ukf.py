@@ -59,7 +59,7 @@ class Ukf(PoseEstimator):
     """Distance of the sigma points from the mean, divided by sqrt(3) standard deviations [-]. Assumed value (0.1-1)."""
 
     def pose_filter(self, tractor: TractorParameters) -> PoseUkf:
-        """Return the unscented pose filter. Raise `ScenarioError` if filterpy is not installed."""
+        """Return the unscented pose filter. Raises `ScenarioError` if filterpy is not installed."""
         required("filterpy", "filters", 'estimator.kind = "ukf"')
         walks = self.position_walk_m_rt_s, radians(self.yaw_walk_deg_rt_s)
         return PoseUkf(tractor.wheelbase_m, *walks, self.sigma_point_spread)

@@ -86,7 +86,7 @@ def _assumed_tilt(view: RunView) -> tuple[tuple[Array, Array], bool]:
 
 
 def _foot(roll: Array, pitch: Array) -> Vectors:
-    """Return the horizontal shift of a point due to body tilt, divided by its height above the rear axle [-]."""
+    """Return the horizontal shift of a point due to body tilt, divided by the height of the point above R [-]."""
     found: Vectors = np.sin(pitch) * np.cos(roll) - 1j * np.sin(roll)
     return found
 

@@ -27,7 +27,7 @@ COMPLETE = 0.99  # Minimum driven fraction of a complete pass [-]
 
 
 class Passed(NamedTuple):
-    """Driven part of a pass; `errors` and `line` are positive to the left of the first pass."""
+    """Driven part of a pass. All positions are relative to the first pass, positive along it and to its left."""
 
     line: float  # Lateral position of the planned pass [m]
     direction: int  # Direction of travel: 1 in the direction of the first pass, -1 in the opposite direction

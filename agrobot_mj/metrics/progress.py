@@ -115,7 +115,7 @@ class _Walk:
         return float(self.route.distances[k])
 
     def stood(self, end: float) -> bool:
-        """Return whether the tractor made no final progress while the reference moved until the time `end` [s]."""
+        """Return whether the tractor made no progress at the end, although the reference moved until `end` [s]."""
         waited = self.t - self.driven_t
         return waited > LATE_S and self.passed(end) - self.passed(self.driven_t) > 2 * STEP_M
 

@@ -80,7 +80,10 @@ class BrakedDrift(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the maximum drift over all intervals with the brake applied, or None without braking."""
+        """Return the maximum drift from `STOPPED_S` after brake application, over all intervals with the brake applied.
+
+        The drift is None if the brake was never applied for more than `STOPPED_S`.
+        """
         braked, place = view.column("brake") > 0.0, np.column_stack([view.column("x"), view.column("y")])
         changes = np.flatnonzero(np.diff(braked, prepend=False, append=False))
         spells = [place[begin + round(STOPPED_S / TICK_S) : end] for begin, end in changes.reshape(-1, 2)]

@@ -134,9 +134,9 @@ def _as_toml(value: Any) -> str:
 
 
 def explain_key(key: str) -> str:
-    """Return the documentation of a key as text. An empty key lists all keys, and another word lists its matches.
+    """Return the documentation of a key as text. An empty key lists the keys at the root of a scenario.
 
-    Raises `ScenarioError` for a word without matches.
+    A word that is not a key lists the keys and kinds that match the word. Raises `ScenarioError` without a match.
     """
     key = shortened(key)
     named = [step for step in re.sub(r"\[\d+\]", "", key).split(".") if not step.isdecimal()]

@@ -18,7 +18,7 @@ MOST_BYTES = 200_000_000  # Maximum total size of the stored states [bytes]: hun
 
 
 class Branch(NamedTuple):
-    """Branch of a run: the tick of the branch, and the number of the random streams used from then on."""
+    """Branch of a run: number of ticks before the branch, and number of the random streams after the branch."""
 
     tick: int  # Number of ticks before the branch
     number: int  # Number of the random streams, see `Simulation.branch`

@@ -34,7 +34,7 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.sensors import SensorState, Suite
 
 ABSURD_STEER = radians(90.0)
-"""Steering angle above which a command is implausible [rad]: wheels perpendicular to the direction of travel."""
+"""Steering angle above which a command is implausible [rad]: wheels perpendicular to the tractor."""
 ARITHMETIC = (ArithmeticError, ValueError, np.linalg.LinAlgError)
 """Types of the exceptions that arithmetic with NaN or infinity may raise."""
 _ARITHMETIC = ("math domain error", "infs or NaNs", "cannot convert float")

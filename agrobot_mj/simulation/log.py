@@ -136,7 +136,7 @@ class Log:
     metrics: dict[str, Any] = field(default_factory=dict)  # Metrics of the run, see `metrics.metrics`
     ruts: RutMap | None = None  # Ruts at the end of the run, or None on rigid ground
     learned: Learned = field(default_factory=dict)
-    """Learned values of guidance law and steering loop, or an empty mapping if both do not learn."""
+    """Learned values of guidance law and steering loop, or an empty mapping if neither learns."""
     view: RunView | None = field(default=None, repr=False, compare=False)
     """View of the log from which `metrics` was computed, with positions relative to the path; None if not available."""
 

@@ -216,7 +216,8 @@ class Loop:
         )
 
     def advance(self, drive: Drive) -> None:
-        """Advance the plant by one tick with the commands `drive`, and apply the faults of the next tick."""
+        """Advance the plant by one tick with the output `drive` of the low-level loops, and apply the faults of the
+        next tick."""
         state, self.has_sensed = self.stages, False
         if not self.script.faults:
             state.wiring, self.seen = drive, self.plant.advanced(drive, state.conditions)

@@ -46,7 +46,7 @@ class Watch:
         return "stuck" if self._stuck(truth, distance, asked, led) else None
 
     def _stuck(self, truth: Here, distance: float, asked: float, led: bool) -> bool:
-        """Return whether the tractor has been at rest for STUCK_S despite a pedal command or a moving reference."""
+        """Return whether the tractor has been at rest for STUCK_S despite a pedal command or a receding reference."""
         at = self.standstill
         if hypot(truth.x - at.x, truth.y - at.y) > STUCK_M:
             at = Standstill(truth.x, truth.y)

@@ -1,4 +1,4 @@
-"""Progress output on stderr: a bar on a terminal, otherwise lines for a series of runs."""
+"""Progress output on stderr: a bar on a terminal, otherwise lines for a series of runs and nothing for a single run."""
 
 import sys
 import time
