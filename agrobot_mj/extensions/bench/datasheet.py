@@ -61,7 +61,10 @@ class Measured(NamedTuple):
 
 
 def data_sheet(machine: str) -> Iterator[Measured]:
-    """Measure a machine (name or path) and yield the lines of its data sheet. Raises `ScenarioError`."""
+    """Measure a machine (name or path) and yield the lines of its data sheet.
+
+    Raises `ScenarioError` for an unknown machine, or a plant other than MuJoCo.
+    """
     scenario = load_scenario("straight_line", {"machine": machine, "implement": {"kind": "none"}})
     if not isinstance(scenario.plant, Mujoco):
         raise ScenarioError(f"{machine}: plant.kind: a data sheet needs the MuJoCo plant")

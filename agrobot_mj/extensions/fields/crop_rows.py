@@ -35,7 +35,7 @@ class CropRows(NamedTuple):
 def crop_rows(plan: Plan, spacing: float | None, angle_deg: float | None) -> CropRows | None:
     """Return the spacing and direction of crop rows, or None without `spacing`. Default direction: along the swaths.
 
-    Raise `ScenarioError` if the plan has no swath direction and no direction is given.
+    Raise `ScenarioError` for a spacing without a direction, or a direction without a spacing.
     """
     angle = plan.angle_deg if angle_deg is None else angle_deg
     if spacing is None and angle_deg is not None:

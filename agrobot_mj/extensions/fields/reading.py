@@ -97,7 +97,7 @@ def _split(line: Polyline) -> list[Polyline]:
 
 
 def _chosen(groups: list[list[Polyline]], name: str) -> tuple[list[Polyline], list[str]]:
-    """Return the largest field with the given name, and notes about other fields. An empty name selects all fields."""
+    """Return the largest field with the given name, and notes about other fields. An empty name matches all fields."""
     if not groups:
         raise ValueError("the file contains no boundary; export one")
     known = list(dict.fromkeys(group[0].name for group in groups if group[0].name))

@@ -115,7 +115,7 @@ class HeadingColumn(MeasuredColumn):
     offset: Factor = 0.0
     """Column value when the tractor points north (`compass`) or east (`enu`) [unit of the column]."""
     quality: Name | None = None
-    """Column with the quality of the heading. Rows with other than `accepted` values are omitted."""
+    """Column with the quality of the heading. Headings in rows without an `accepted` quality are omitted."""
     accepted: Accepted = (1,)
     """Values of the quality column in valid rows, as numbers or text. True equals 1."""
 

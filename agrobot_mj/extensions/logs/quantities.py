@@ -69,7 +69,7 @@ def quantity_numbers(found: Found) -> dict[str, dict[str, Any]]:
 
 
 def rounded(value: float, half: float) -> float:
-    """Return a value rounded to the second digit of its half width, or to six digits without an interval."""
+    """Return a value rounded to the second significant digit of a half width, or to six digits without an interval."""
     if not 0.0 < half < 1e300:
         return float(f"{value:.6g}")
     return round(value, 1 - floor(log10(half)))

@@ -52,7 +52,10 @@ class Judgement(NamedTuple):
 
 
 def tunable(scenario: Scenario) -> dict[str, Limits]:
-    """Return the gain ranges of a scenario's law and yaw controller, by dotted key. Raises `ScenarioError`."""
+    """Return the gain ranges of a scenario's law and yaw controller, by dotted key.
+
+    Raises `ScenarioError` for a law without tunable gains.
+    """
     law, controller = scenario.guidance, scenario.controller
     driving = law.using(controller)
     found = {f"guidance.{key}": limits for key, limits in law.tunable.items()}

@@ -165,8 +165,9 @@ def drive(
 def run(m: Trial) -> Iterator[Check]:
     """Yield checks of the offsets on every tyre with a force law.
 
-    Quick mode tests the PD controller with the paper's EKF on 10 degrees, eastwards. Only some tyres are tested with
-    terrain compensation.
+    Quick mode tests the PD controller with the paper's EKF on 10 degrees, eastwards, with terrain compensation only on
+    some
+    of the tyres.
     """
     grades, ways = ((10.0,), (0.0,)) if m.quick else (GRADES_DEG, (0.0, 180.0))
     chosen: Iterable[tuple[str, str, Any]] = product(("pd", "pd_t2fnn"), ESTIMATORS, force_tyres())

@@ -138,7 +138,7 @@ def combined(load: float) -> Iterator[Setting]:
 
 
 def both_ways(values: Array) -> Array:
-    """Return the negatives of `values` (n,) and `values` in ascending order. The first value must be zero."""
+    """Return `values` (n,) and their negatives in ascending order, shape (2 n - 1,). The first value must be zero."""
     return np.concatenate([-values[:0:-1], values])
 
 

@@ -52,8 +52,9 @@ class Area:
         return found
 
     def faults(self, start: Pose, pieces: tuple[Piece, ...]) -> tuple[float, float]:
-        """Return two faults of a connection: excess of the permitted distance beyond the boundary [m], and length on
-        the body [m]."""
+        """Return two faults of a connection: excess over the permitted distance beyond the boundary [m], and length on
+        the body
+        [m]."""
         if not any(piece.length > 1e-9 for piece in pieces):
             return 0.0, 0.0
         x, y, yaw = chain(start, pieces).divided().joints()

@@ -32,12 +32,12 @@ class Leaving:
 
     @property
     def laps(self) -> float:
-        """Maximum excess of the permitted distance beyond the boundary on headland laps [m]."""
+        """Maximum excess over the permitted distance beyond the boundary on headland laps [m]."""
         return float(np.where(self.in_lap, self.excess, 0.0).max())
 
     @property
     def turns(self) -> float:
-        """Maximum excess of the permitted distance beyond the boundary on swaths, turns and connections [m]."""
+        """Maximum excess over the permitted distance beyond the boundary on swaths, turns and connections [m]."""
         return float(np.where(self.in_lap, 0.0, self.excess).max())
 
     @property

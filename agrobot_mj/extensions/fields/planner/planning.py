@@ -1,7 +1,7 @@
 """Planner of field work: headland laps from the boundary inwards, laps around obstacles, then the cells of the body.
 
-A cell is a group of adjacent swaths. After each cell, the planner continues with the nearest cell. The machine can
-follow the plans. Plans are complete, but not optimal.
+A cell is a group of adjacent swaths. After each cell, the planner continues with the cell that has the cheapest
+connection. The machine can follow the plans. Plans are complete, but not optimal.
 """
 
 from collections.abc import Sequence

@@ -41,7 +41,7 @@ def address_of(text: str, option: str = "--address") -> IPv4Address:
 
 
 class UdpSockets:
-    """UDP sockets on the port of the boards, connected to one host."""
+    """UDP sockets on the port of the boards, which send datagrams to one host."""
 
     def __init__(self, address: str = "127.0.0.1", board_port: int = BOARD_PORT, host_port: int = HOST_PORT) -> None:
         ip = address_of(address)
@@ -85,7 +85,7 @@ class UdpSockets:
             self.lost += 1
 
     def receive(self, until: float, most: int = MOST_A_TURN) -> Iterator[Incoming]:
-        """Yield received datagrams until the `time.perf_counter` value `until` [s]."""
+        """Yield datagrams that have arrived or arrive until the `time.perf_counter` value `until` [s]."""
         taken = 0
         while True:
             ready, _, _ = select.select(self.sockets, [], [], max(0.0, until - time.perf_counter()))

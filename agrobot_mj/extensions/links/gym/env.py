@@ -45,7 +45,7 @@ SEEDS = 2**31  # Number of possible seeds of an episode
 
 
 def check_ranges(ranges: Mapping[str, Range]) -> None:
-    """Raise `ScenarioError` for an invalid range or list of values."""
+    """Raise `ScenarioError` for an invalid range or list of values, and for the key `seed`."""
     for key, values in ranges.items():
         if key == "seed":
             raise ScenarioError("randomise: seed: the seed differs in every episode; omit this key")

@@ -134,7 +134,7 @@ def header(at: Content, frame: str) -> Content:
 
 
 def fix(s: TickSample, site: Site, at: Content) -> Content:
-    """Return `sensor_msgs/NavSatFix` of the antenna. The altitude has no noise, and is correct on level ground."""
+    """Return `sensor_msgs/NavSatFix` of the antenna. The altitude has no noise and ignores the tilt."""
     status = STATUS.get(round(s.gnss_quality), NO_FIX)
     if isnan(s.gnss_x):
         status, (latitude, longitude), variance = NO_FIX, (nan, nan), 0.0

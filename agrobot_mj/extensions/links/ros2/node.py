@@ -125,7 +125,7 @@ def problem_of(types: Sequence[str], stamped: bool, refused: int) -> str:
 
 
 def message_class(kind: str) -> Any:
-    """Return the class of a message type, for example `nav_msgs/Odometry`. Raises `ScenarioError` if it is missing."""
+    """Return the class of a message type (`nav_msgs/Odometry`). Raises `ScenarioError` for a missing package."""
     package, _, name = kind.partition("/")
     required(package, "ros", "ros2")
     return getattr(import_module(f"{package}.msg"), name)

@@ -119,7 +119,10 @@ class RosSession:
         """Outcome of the run set by the link, or None if the simulation sets the outcome."""
 
     def run(self, should_stop: Callable[[], bool], tell: Callable[[], None]) -> None:
-        """Simulate to the end and call `tell` after each tick. Raises `NoProgramError` if no command arrives."""
+        """Simulate to the end, with a call of `tell` after each tick.
+
+        Raises `NoProgramError` if no command arrives in time.
+        """
         self.sim.reset()
         sample = self._sensed()
         while not self.sim.done and not should_stop():

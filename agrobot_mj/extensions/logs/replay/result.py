@@ -97,7 +97,7 @@ def replay_pieces(
 
 
 def on_wide_ground(scenario: Scenario, reach: float) -> Scenario:
-    """Return the scenario with flat ground extended to `reach` [m] from the origin. Other terrain is unchanged."""
+    """Return the scenario with flat ground extended to at least `reach` [m] from the origin. Other terrain is kept."""
     if scenario.terrain.kind != "flat" or min(scenario.terrain.half_sizes) > reach:
         return scenario
     return scenario.changed({"terrain.half_size_m": float(ceil(reach) + 100)})

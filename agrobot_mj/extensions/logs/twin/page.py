@@ -99,7 +99,8 @@ FILES = (REPORT, MACHINE, SCENARIO, WAY, "map.toml")  # Files of a twin, in addi
 
 
 def write_twin(t: Twin, health: Sequence[str], folder: Path) -> None:
-    """Write all result files of a twin to `folder`. Raises `ScenarioError` if plotly is not installed."""
+    """Write all result files of a twin to `folder`. Raises `ScenarioError` before writing if plotly is not
+    installed."""
     page(t, health).write(folder / REPORT)
     for name, text in {**t.texts, "map.toml": map_lines(t.calibration)}.items():
         write_text(folder / name, text)

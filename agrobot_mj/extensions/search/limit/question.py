@@ -110,7 +110,7 @@ def laws(scenario: Scenario, kinds: Sequence[str]) -> dict[str, Scenario]:
 
 
 def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
-    """Check the settings of a limit search. Return the failure condition. Raises `ScenarioError`."""
+    """Check search settings and return the failure condition. Raises `ScenarioError` for invalid settings."""
     q = question
     if q.key == "seed":
         raise ScenarioError(
