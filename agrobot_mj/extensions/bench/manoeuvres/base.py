@@ -124,7 +124,7 @@ class Trial:
     def __init__(self, name: str, quick: bool = False) -> None:
         self.name, self.quick = name, quick
         self.curves: dict[str, Any] = {}
-        """Curves for the figures, by subject of the check."""
+        """Curves for the figures, by subject of the check or by control loop."""
         self.checks: list[Check] = []
         self._plants: list[MujocoPlant] = []
         self._warned = 0
