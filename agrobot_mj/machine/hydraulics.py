@@ -219,7 +219,8 @@ def loaded_flow(law: ValveLaw, flow: float, pressure: float) -> float:
 
 @kernel
 def beyond_play(deflection: float, play: float) -> float:
-    """Return a deflection minus the play, or 0 within the play, which has the half width `play` in the same unit."""
+    """Return the part of a deflection outside a play with the half width `play`, in the same unit; 0 within the
+    play."""
     if deflection > play:
         return deflection - play
     if deflection < -play:

@@ -29,7 +29,7 @@ The lower value applies to codes with `L` or with a rim in half inches, for whic
 0.67-0.72. For the other codes, tyres from 9.5-24 to 20.8-38 have 0.82-0.91.
 """
 USUAL_DEFLECTION = 0.20
-"""Deflection divided by section height [-] at the default pressure. Assumed value: 0.17-0.28 from known loaded
+"""Deflection divided by section height [-] at the default pressure. Assumed value: 0.17-0.28 from published loaded
 radii."""
 LEAST_BAR, MOST_BAR = 0.6, 2.4
 """Limits of the default inflation pressure [bar], which is computed from the load. Assumed values: range of the

@@ -74,7 +74,7 @@ class ReferencePath(Spec):
     """Base class of the paths; subclasses define `duration_s`, `max_curvature`, `sharpest` and `at`."""
 
     ends: ClassVar[bool] = False
-    """Whether a run ends at the end of the path."""
+    """Whether a run ends at the end of the path. If not, the path continues, for example with another lap."""
 
     kind: str
     radius_key: ClassVar[str] = ""

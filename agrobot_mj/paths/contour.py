@@ -1,4 +1,4 @@
-"""Parallel passes along the contour lines of a plane slope, from the lowest pass to the highest.
+"""Parallel passes along the contour lines of a plane slope. The first pass is the lowest, the other passes are uphill.
 
 `uphill_deg` is the direction of steepest ascent, equal to the `direction_deg` of a terrain of kind `slope`. By default
 the passes run east and west. `swath_m` is the horizontal distance between passes. See `parallel` for turns and passes.

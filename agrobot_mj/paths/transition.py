@@ -34,8 +34,8 @@ class Transitions(Spec):
     """Wheelbase for converting `steer_rate_deg_s` to a change of curvature [m]. Default: wheelbase of the tractor."""
 
     def sharpness(self, speed: float) -> float:
-        """Return the change of curvature per metre of a clothoid at `speed` [m/s], or infinity without transitions
-        [1/m2]."""
+        """Return the change of curvature per metre of a clothoid at `speed` [m/s], in [1/m2]; infinity without
+        transitions."""
         if self.transition == "none":
             return inf
         return radians(self.steer_rate_deg_s) / (self.wheelbase_m * speed)

@@ -102,9 +102,10 @@ def hold(plant: Any, seconds: float, drive: Drive = REST) -> Iterator[Truth]:
 
 
 def acceleration(plant: Any, drive: Drive, begin: float, end: float, grade: float = 0.0) -> float:
-    """Return the mean acceleration from speed `begin` to `end` [m/s] at constant voltages [m/s2].
+    """Return the mean acceleration [m/s2] from speed `begin` to `end` [m/s] at constant voltages.
 
-    The simulation ends after 30 s; `grade` is the slope in the driving direction [rad].
+    The simulation ends at the speed `end`, at the latest after 30 s. `grade` is the slope in the driving direction
+    [rad].
     """
     t, v, sign = [], [], copysign(1.0, end - begin)
     for truth in hold(plant, 30.0, drive):

@@ -36,9 +36,11 @@ TABS = {
 COMPANIONS = {"Tyres": ("attitude",), "Network": ("control/command",)}
 """Path prefixes of additional plots on a tab, which are shown only if the tab has plots listed in `TABS`."""
 FOLLOW_FROM = (-3.4, -2.6, 2.3)
-"""Initial position of the camera that follows the tractor, relative to the tractor [m]: forward, left and up."""
+"""Initial position of the camera that follows the tractor, relative to a tractor of default size [m]: forward, left and
+up."""
 LOOK_AT = (0.5, 0.0, 0.6)
-"""Initial target point of the camera that follows the tractor, relative to the tractor [m]: forward, left and up."""
+"""Initial target point of the camera that follows the tractor, relative to a tractor of default size [m]: forward, left
+and up."""
 VIEWED = (2.2, 0.85)
 """Width and height of the ground visible in the top view, divided by the camera height [-], measured in the viewer."""
 TILT = 0.1

@@ -117,10 +117,11 @@ class SteeringPotentiometer(Potentiometer):
     at: Literal["virtual", "left", "right"] = "virtual"
     """Measured wheel: the `virtual` wheel of the bicycle model, or the `left` or `right` knuckle."""
     second_order_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
-    """Second-order error at 45 deg [deg], equal for left and right: a rod that is not perpendicular to the lever at 0
-    deg."""
+    """Second-order error at 45 deg [deg], equal for left and right, due to a rod that is not perpendicular to the lever
+    at 0 deg."""
     third_order_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
-    """Third-order error at 45 deg [deg], with opposite signs for left and right angles: levers of unequal length."""
+    """Third-order error at 45 deg [deg], with opposite signs for left and right angles, due to levers of unequal
+    length."""
     centre_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
     """Steering angle measured in straight travel [deg], due to a wrong centre in the on-board computer."""
     scale_left: Annotated[float, Field(ge=0.2, le=5)] = 1.0

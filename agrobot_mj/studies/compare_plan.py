@@ -3,7 +3,7 @@
 A comparison runs each law on each plant with each seed. There are three types of laws: entries of `controllers` (with
 the guidance law of the scenario), entries of `guidance` (with each controller, if the guidance law uses one), and
 variants. A variant is a named set of overrides. If it sets [guidance] or [controller], it is a separate law. Otherwise
-it changes machine, field or path, and all other laws run with it.
+it changes machine, field or path, and all laws of the first two types run with it.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -38,7 +38,10 @@ class Sheet(NamedTuple):
 
 
 def read_grid(file: str) -> Sheet:
-    """Return the grid in a `.npy`, `.png`, `.asc` or `.tif` file. Raises ValueError for an unusable file or value."""
+    """Return the grid in a `.npy`, `.png`, `.asc` or `.tif` file: finite values, at least 2 x 2.
+
+    Raises ValueError for an unusable file or value.
+    """
     with _keyed():
         path = checked(file, list(READERS), MOST_BYTES)
         sheet = READERS[path.suffix.lower()](path)

@@ -36,7 +36,8 @@ class Ridges(Generated):
     spacing_m: Positive = 0.75
     """Distance from crest to crest [m]. Assumed value (0.5-0.9) for row crops."""
     furrow_direction_deg: float = 90.0
-    """Direction along the furrows [deg], from east, counter-clockwise. A path to the east crosses furrows at 90."""
+    """Direction along the furrows [deg], from east, counter-clockwise. With 90, a path to the east crosses the
+    furrows."""
     offset_m: float = 0.0
     """Distance of a crest from the origin [m], positive to the right of the furrow direction."""
     profile: Literal["sine", "flat"] = "sine"

@@ -1,7 +1,7 @@
 """Base class of tyres, and the input and output of tyre laws.
 
 A tyre is a subclass of `TyreBase` with three parts: `structure` (relaxation, damping, rolling resistance, contact
-patch), `coefficients` (law of a front and of a rear tyre, in SI units), and `native` (settings of MuJoCo contact, which
+patch), `coefficients` (law of a front and of a rear tyre, in SI units), and `native` (settings of MuJoCo contact if it
 replaces the law). Each law is a `TyreLaw`: a named tuple of floats whose methods `force` and `drag` are scalar
 functions, compiled for the physics steps and also usable in plain Python. To add a tyre, write a module with both
 classes, and add the tyre to the union `Tyre`.
@@ -75,7 +75,8 @@ class TyreLaw(Protocol):
         """Return the tyre force at a given slip."""
 
     def drag(self, slip: Slip, direction: float) -> float:
-        """Return the motion resistance of the ground [N]; `direction` is the direction of travel in [-1, 1]."""
+        """Return the motion resistance of the ground at the wheel centre [N]; `direction` is the direction of travel in
+        [-1, 1]."""
 
 
 for _step in ("force", "drag"):

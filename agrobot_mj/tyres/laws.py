@@ -120,7 +120,7 @@ def with_soil_memory(ground: Ground, bearing: Bearing) -> Ground:
 
 
 def treads(bearing: Bearing, tractor: TractorParameters) -> tuple[Tread, Tread]:
-    """Return geometry and carcass stiffness of a front and a rear tyre, from the deflections on firm ground."""
+    """Return geometry and carcass stiffness of a front and a rear tyre, from the static deflections on firm ground."""
     found = []
     for wheel in tractor.wheels:
         R, b, sunk, crown = wheel.radius, wheel.width, wheel.deflection, bearing.crown_share * wheel.width

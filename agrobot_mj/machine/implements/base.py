@@ -119,7 +119,10 @@ class ImplementBase(Spec):
 
 
 def box_inertia(mass: float, size: Place) -> tuple[float, float, float]:
-    """Return the roll, pitch and yaw inertia [kg m2] of a uniform box; `size` is length, width and height [m]."""
+    """Return the roll, pitch and yaw inertia [kg m2] of a uniform box about its centre.
+
+    `size` is the length, width and height of the box [m].
+    """
     l, w, h = size  # noqa: E741
     return mass / 12 * (w * w + h * h), mass / 12 * (l * l + h * h), mass / 12 * (l * l + w * w)
 

@@ -84,9 +84,10 @@ class Drawn(ImplementBase):
     tyre_damping_n_s_m: NonNegative | None = None
     """Vertical damping of one tyre [N s/m]. Default: 15 % of critical damping for the load on the tyre."""
     slip_stiffness_scale: Annotated[float, Field(ge=0.05, le=10)] = 1.0
-    """Slip stiffness of the tyres divided by the slip stiffness of the rear tyres of `plant.tyre` [-]."""
+    """Factor on the slip stiffness of the tyres [-], relative to the law of the rear tyres of `plant.tyre` at the same
+    load."""
     rolling_scale: Annotated[float, Field(ge=0, le=10)] = 1.0
-    """Rolling resistance of the tyres divided by the rolling resistance of `plant.tyre` [-]."""
+    """Factor on the rolling resistance of the tyres [-], relative to `plant.tyre`."""
     tool: Tool = Tool()
     """Soil-engaging tool of the implement, used if `lowered` is true."""
     tool_behind_m: Length = 2.0

@@ -56,7 +56,7 @@ def _id(feature: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _crs(content: Mapping[str, Any]) -> str:
-    """Return the coordinate system in the member `crs` of older GeoJSON files. Default: latitude and longitude."""
+    """Return the coordinate system in the member `crs` of older GeoJSON files. Default: degrees."""
     if content.get("crs") == LOCAL:
         return ""
     named = str(_mapping(_mapping(content.get("crs")).get("properties")).get("name", ""))

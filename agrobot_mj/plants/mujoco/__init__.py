@@ -1,4 +1,4 @@
-"""MuJoCo tractor. Code outside this package does not use MjModel and MjData."""
+"""MuJoCo tractor. Outside this package, only extensions use MjModel and MjData."""
 
 import mujoco
 

@@ -173,7 +173,7 @@ def outline(t: TractorParameters) -> Outline:
 
 
 def _above_the_wheels(room: float, radius: float, width: float) -> float:
-    """Return the maximum height that a steered front wheel reaches at the distance `room` inwards of its centre [m]."""
+    """Return the maximum height [m] of a steered front wheel at the distance `room` [m] inwards of its centre."""
     if room >= sqrt(radius**2 + (width / 2) ** 2):
         return 0.0
     chord2 = max(room, width / 2) ** 2 - (width / 2) ** 2

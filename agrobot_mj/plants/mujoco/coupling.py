@@ -57,7 +57,7 @@ def power(x: float, p: float) -> float:
 
 @kernel
 def impedance(solimp: Array, error: float) -> float:
-    """Return MuJoCo's impedance of a constraint with the parameters `solimp` (5,) at a position `error` [-]."""
+    """Return MuJoCo's impedance [-] of a constraint with the parameters `solimp` (5,) at a position `error`."""
     low, high, width, middle, p = solimp[0], solimp[1], solimp[2], solimp[3], solimp[4]
     if low == high or width <= 1e-15:
         return float(0.5 * (low + high))

@@ -64,7 +64,8 @@ class Ghost:
         self.at = [int(self.model.joint(name).qposadr[0]) for name in joints]
 
     def poses(self, x: float, y: float, yaw: float, steer: float, travelled: float) -> Array:
-        """Return the body poses (bodies, 7) for CG position (x, y) [m], yaw and steering [rad] and distance [m]."""
+        """Return the body poses (bodies, 7) for CG position (x, y) [m], yaw and steering [rad] and travelled distance
+        [m]."""
         back_x, back_y = from_heading(yaw, -self.tractor.cg_to_rear_axle, 0.0)
         q = self.data.qpos
         q[:7] = x + back_x, y + back_y, 0.0, cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)

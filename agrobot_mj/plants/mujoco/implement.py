@@ -214,7 +214,7 @@ class RunningImplement:
 
     @property
     def jackknifed(self) -> bool:
-        """Whether an implement with a drawbar has reached its yaw stop."""
+        """Whether the yaw angle of a drawbar is within `AT_THE_STOP` of its stop."""
         return self.fold is not None and abs(float(self.data.qpos[self.fold[0]])) > self.fold[1]
 
     @property

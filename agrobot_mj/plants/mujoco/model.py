@@ -32,7 +32,7 @@ Assumed value: half of the mass is in the tread."""
 
 
 def ackermann_coefficients(tractor: TractorParameters) -> Array:
-    """Return the coefficients (5,) of a quartic from virtual to left wheel angle, fitted to the Ackermann geometry."""
+    """Return the coefficients (5,) of a quartic from virtual to left wheel angle, fitted with slope 1 at zero."""
     delta = np.linspace(-tractor.steer_limit, tractor.steer_limit, 501)
     t_2L = tractor.track_m / (2 * tractor.wheelbase_m)
     left = np.arctan2(np.tan(delta), 1 - t_2L * np.tan(delta))

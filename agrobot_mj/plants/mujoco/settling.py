@@ -141,8 +141,8 @@ def drive_holds(oil: Oil, connected: bool, torque: float) -> bool:
 def start_warning(found: Settled, settled_s: float, machine: Machine, ground: Ground) -> str:
     """Return a warning for a tractor that is not at rest on four wheels after `settled_s` [s].
 
-    The warning contains the reason and the keys to change. The text is empty for a tractor at rest, and for a diverged
-    simulation.
+    The warning contains the reason and the keys to change. The text is empty for a tractor at rest on four wheels, and
+    for a diverged simulation.
     """
     speed, rests = found.recent.greatest, found.recent.greatest <= REST_M_S
     _, east, north = height_and_gradient(ground, found.truth.x, found.truth.y)

@@ -207,8 +207,8 @@ def open_relief_valves(v: Views, oil: Oil) -> None:
 def start_step(v: Views, direct: bool, before: bool) -> int:
     """Run the first half of a physics step; return 1 after an error, else 0.
 
-    In a `direct` step MuJoCo computes no constraints. If the previous step was not direct (`before`), the coupling of
-    the knuckles is disabled during the call.
+    In a `direct` step MuJoCo computes no constraints. `before` is whether the previous step was direct; if not, the
+    coupling of the knuckles is disabled during the call.
     """
     if not direct:
         return int(step1(v.model, v.data))

@@ -53,7 +53,7 @@ class Attached(NamedTuple):
 
 @kernel
 def unevenness(uneven: Array, step: float, travelled: float) -> float:
-    """Return draught divided by mean draught at the working distance `travelled` [m], from a repeating pattern [-]."""
+    """Return draught divided by mean draught [-] at the working distance `travelled` [m], from a repeating pattern."""
     place = travelled / step
     k = floor(place)
     share, i = place - k, int(k) % uneven.size

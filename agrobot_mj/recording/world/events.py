@@ -20,8 +20,8 @@ ENTITY = "world/events"
 GOOD, DOUBTFUL, BAD = 0x6FE3B5FF, 0xFFC857FF, 0xFF9166FF
 """Colours of event markers: recovery, warning and failure."""
 LIFT_M, ABOVE_M, RADIUS = 0.1, 2.4, rr.Radius.ui_points(5.0)
-"""Height of markers above the ground [m], height of the outcome marker for the default tractor [m], and marker
-radius."""
+"""Height of markers above the ground [m], height of the outcome marker for the default tractor [m], and marker radius
+on the screen [points]."""
 MOST_EVENTS = 40  # Maximum number of markers, in addition to the outcome
 QUIET_TICKS = 40  # Number of ticks without saturated steering after which the next saturation gets a marker
 

@@ -1,4 +1,4 @@
-"""Ground mesh of tiles in two shades, which make motion visible. Tiles with relief or soil patches have a finer mesh.
+"""Ground mesh of tiles in two shades, which make motion visible. The mesh is finer at relief and patch borders.
 
 Coarse tiles cover the field around the path. Tiles with relief or at the border of soil patches are subdivided, nearest
 to the path first, up to a maximum number of vertices. Relief is coloured by height and shaded with light from the

@@ -139,8 +139,10 @@ class RowFiles:
     def drive(
         self, numbers: Iterable[int], task_of: Callable[[int], Task], perform: Perform, files: RunFiles | None = None
     ) -> Generator[tuple[Task, Row, bool]]:
-        """Execute the tasks without a stored row. Yield each task, its row, and whether the row existed; existing rows
-        first."""
+        """Execute the tasks without a stored row or with missing files, and the tasks whose run raised an exception.
+
+        Yield each task, its row, and whether the row existed; existing rows first.
+        """
         todo = []  # a list of the tasks could exceed the memory
         for number in numbers:
             task = self.asked(task_of(number))
