@@ -38,7 +38,7 @@ OnMachine = Annotated[
 ]
 Plugins = Annotated[
     list[Path] | None,
-    typer.Option("--plugin", metavar="FILE.py", help="Python file with own kinds; repeatable."),
+    typer.Option("--plugin", metavar="FILE.py", help="Python file with user-defined kinds; repeatable."),
 ]
 
 
@@ -94,7 +94,7 @@ def overrides(sets: list[str] | None, option: str = "--set") -> dict[str, Any]:
             raise ScenarioError(f"{option} {shortened(text)}: the value has too many digits or brackets") from None
         if len(parsed) > 1:
             raise ScenarioError(
-                f"{option} {shortened(text)}: the text has more than one value; use one {option} for each"
+                f"{option} {shortened(text)}: the text contains more than one value; use one {option} per value"
             )
         found[key.strip()] = parsed["v"]
     return found
@@ -151,7 +151,7 @@ def names(text: str, option: str) -> list[str]:
     """Return the names in a comma-separated list, without duplicates."""
     found = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
     if not found:
-        raise ScenarioError(f"{option}: specify at least one")
+        raise ScenarioError(f"{option}: the list is empty; specify at least one name")
     return found
 
 

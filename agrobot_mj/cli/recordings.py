@@ -37,10 +37,10 @@ def snapshot(
     file: Recorded,
     at: Annotated[
         str | None,
-        typer.Option("--at", metavar="S,S,...", help="Times in seconds, comma-separated. Default: 60, or the end."),
+        typer.Option("--at", metavar="S,S,...", help="Times in seconds, comma-separated. Default: 60 or the end."),
     ] = None,
     tabs: Annotated[
-        list[str] | None, typer.Option("--tab", metavar="NAME", help="Only this tab or 3D view (Tractor); repeatable.")
+        list[str] | None, typer.Option("--tab", metavar="NAME", help="Tab or 3D view (Tractor) to render; repeatable.")
     ] = None,
     gif: Annotated[bool, typer.Option("--gif", help="Animate 10 s from each time, or the last 10 s.")] = False,
     mp4: Annotated[bool, typer.Option("--mp4", help="Like --gif, but as a video; requires ffmpeg.")] = False,

@@ -182,7 +182,7 @@ def _variant(text: str) -> "SweepVariant":
     found: dict[str, Any] = {}
     for key, value in _items(rest, name):
         if key in found:
-            raise ScenarioError(f"--variant {name!r}: {key} is given twice")
+            raise ScenarioError(f"--variant {name!r}: {key} is given twice; specify it once")
         found[key] = absolute_value(key, value, Path.cwd())
     return SweepVariant(name=name, set=found)
 

@@ -51,7 +51,7 @@ def sweep(
     options = SweepOptions(jobs, scheduler, _shard(shard), fresh, max_runs, quiet)
     found = run_sweep(sources[0], folder, options, partial(print_hints, quiet=quiet))
     if found.errors:
-        print(f"{found.errors:,} runs raised an error, listed in column error", file=sys.stderr)
+        print(f"{found.errors:,} runs raised an error; see the column `error` of sweep.parquet", file=sys.stderr)
     if not quiet:
         there = f", {found.before:,} already present" if found.before else ""
         unexpected = f", of which {found.unexpected:,} did not end as expected" if found.unexpected else ""

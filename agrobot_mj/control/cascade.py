@@ -56,7 +56,8 @@ class Cascade(GuidanceLaw):
         speed_ref, yaw_rate_ref = self.law.setpoints(situation)
         if not isfinite(speed_ref + yaw_rate_ref):
             raise NotFiniteError(
-                f"speed {speed_ref} m/s or yaw rate {yaw_rate_ref} rad/s of guidance law {self.law.kind} is not finite"
+                f"speed {speed_ref} m/s or yaw rate {yaw_rate_ref} rad/s of the guidance law ({self.law.kind}) is not "
+                "finite"
             )
         e_yaw_rate = yaw_rate_ref - situation.estimate.yaw_rate
         limit = situation.steer_limit(self.law.lateral_acceleration_m_s2)
@@ -64,8 +65,10 @@ class Cascade(GuidanceLaw):
         controller, command = self.controller.update(state.controller, situation.t, scaled, dt, limit)
         if not isfinite(command.steer + command.tau_c + command.tau_n):
             steer, tau_c, tau_n, _ = command
-            maker = f"returned by the controller ({self.controller.kind})"
-            raise NotFiniteError(f"steer {steer} rad, tau_c {tau_c} rad, tau_n {tau_n} rad, {maker}")
+            raise NotFiniteError(
+                f"steer {steer} rad, tau_c {tau_c} rad or tau_n {tau_n} rad of the controller "
+                f"({self.controller.kind}) is not finite"
+            )
         ahead = self.law.feedforward(situation)
         steer = clip(command.steer + ahead, -limit, limit)
         excess = command.tau_c - command.tau_n + ahead - steer or _large_lag(steer - situation.steer)

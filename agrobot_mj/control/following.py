@@ -62,7 +62,8 @@ class Following(GuidanceLaw):
     """Slope of the speed correction versus lag, divided by `saturation_m_s` [1/m]. Assumed value, as for
     `kinematic`."""
     lateral_acceleration_m_s2: Positive = 2.0
-    """Maximum lateral acceleration of a command [m/s2]. Assumed value (1-3); the tractor tips at 6.8 m/s2."""
+    """Maximum lateral acceleration that a command may require [m/s2]. Assumed value (1-3); the tractor tips at 6.8
+    m/s2."""
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.4
     """Preview time of the feed-forward angle [s]. Assumed value (0.3-0.5): 63 % of a steering step takes 0.38 s."""
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 35.0

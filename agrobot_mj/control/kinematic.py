@@ -38,7 +38,8 @@ class CascadeLaw(GuidanceLaw):
     gain_per_m: Positive = 0.4
     """Gain k_e: slope of the correction velocity divided by k_s [1/m]. Assumed value, tuned; 0.4 to match the paper."""
     lateral_acceleration_m_s2: Positive = 2.0
-    """Maximum lateral acceleration of a command [m/s2]. Assumed value (1-3); the compact tractor tips at 6.8 m/s2."""
+    """Maximum lateral acceleration that a command may require [m/s2]. Assumed value (1-3); the compact tractor tips at
+    6.8 m/s2."""
     scheduled_above_m_s: Positive | None = None
     """Speed above which the gains of the yaw controller are inversely proportional to the speed [m/s], because the yaw
     rate per steering angle is u / L. Default: null (constant gains and unlimited turn rate, as in the paper), or 1.5

@@ -298,7 +298,7 @@ def _unseen_turn(most: Limits, e: Estimate, m: Sensed, gyro: GyroEvidence) -> fl
 
 @jit
 def _required_angle(most: Limits, e: Estimate, gyro: float) -> float:
-    """Return the steering angle for the measured (or estimated) yaw rate [deg], or NaN at low speed."""
+    """Return the steering angle [deg] required for the measured (or estimated) yaw rate, or NaN at low speed."""
     rate = e.yaw_rate if isnan(gyro) else gyro
     return degrees(atan(most.wheelbase * rate / e.speed)) if abs(e.speed) > MOVING_M_S else nan
 

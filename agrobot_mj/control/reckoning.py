@@ -74,7 +74,8 @@ class References(NamedTuple):
 
     @classmethod
     def first(cls, at: Sums, place: complex, theta: float) -> "References":
-        """Return the first reference, which starts at a fix at `place` [m] with the frame angle `theta` [rad]."""
+        """Return the first reference, which starts at a fix at `place` [m]. `theta` is the angle from the
+        dead-reckoning frame to the map [rad]."""
         foot = place - turn(1j * theta) * (at.lever + at.behind)
         mean = np.array([[foot.real, foot.imag, theta, 0.0, 0.0, 0.0, 0.0]])
         return cls(mean, np.diag(np.square(START_SIGMAS))[None], np.array([at.t]))

@@ -86,7 +86,9 @@ class T2Fnn(Spec):
             if not self.d_min <= lower <= upper <= self.d_max:
                 raise ValueError(f"width_lower_{k}: must satisfy d_min <= width_lower_{k} <= width_upper_{k} <= d_max")
             if lower < spread:
-                raise ValueError(f"width_lower_{k}: must be at least spread_{k}, or the fuzzy set stays inactive")
+                raise ValueError(
+                    f"width_lower_{k}: must be at least spread_{k}, otherwise the fuzzy set stays inactive"
+                )
         return self
 
     def init(self, x1: float, x2: float) -> T2FnnState:

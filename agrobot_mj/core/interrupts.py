@@ -22,7 +22,7 @@ HELD = tuple(
 )
 """Signals whose handlers are delayed, because these handlers commonly raise exceptions."""
 PATIENCE_S = 5.0
-"""Duration of a block [s] after which handlers run immediately, so that a hanging block can be interrupted."""
+"""Maximum time for which a `with` block may delay signal handlers [s], so that a hanging block can be interrupted."""
 
 
 @contextmanager
@@ -91,7 +91,7 @@ class Block:
 
 
 def held_back() -> Block:
-    """Delay signals to the end of the outermost block, for atomic work of milliseconds.
+    """Delay signals to the end of the outermost `with` block, for atomic work of milliseconds.
 
     A signal interrupts a block that has been open for longer than `PATIENCE_S`.
     """

@@ -82,13 +82,15 @@ def stage(function: F) -> F:
     def call(*arguments: object) -> object:
         for k in places:
             if type(arguments[k]) is not Reference:  # compiled code would read any memory
-                raise TypeError(f"{function.__name__}: argument {k + 1} must be a held state, got {arguments[k]!r:.80}")
+                raise TypeError(
+                    f"{function.__name__}: argument {k + 1} must be a reference from held(), got {arguments[k]!r:.80}"
+                )
         if not entries:
             known = get_type_hints(compiled.py_func, include_extras=True)
             kinds = {name: declared(hint) for name, hint in known.items() if name != "return"}
             for given, kind in zip(arguments, kinds.values(), strict=True):
                 if isinstance(kind, HeldType) and number_of(given) != kind.number:
-                    raise TypeError(f"{function.__name__}: expected a held {kind.types[0]}")
+                    raise TypeError(f"{function.__name__}: an argument must be a reference to {kind.types[0]}")
             entries.append(_entry(compiled, *kinds.values()))
             _check_references(known["return"], compiled.overloads[tuple(kinds.values())].signature.return_type)
         return entries[0](*arguments)
@@ -113,7 +115,7 @@ def _check_references(hint: Any, found: Any) -> None:
         for part, kind in zip(get_args(hint), found, strict=True):
             _check_references(part, kind)
     elif get_origin(hint) is Annotated and declared(hint).number != found.number:
-        raise TypeError(f"a stage must return a held {declared(hint).types[0]}, got {found.types[0]}")
+        raise TypeError(f"a stage must return a reference to {declared(hint).types[0]}, got {found.types[0]}")
 
 
 def declared(hint: Any) -> types.Type:

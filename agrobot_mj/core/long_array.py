@@ -1,8 +1,8 @@
 """Array that is filled row by row. A long array is stored in a memory-mapped temporary file.
 
 The file is in the folder of `tempfile` (TMPDIR), has no name, and is deleted when the process ends. The array is stored
-column by column, so that single columns can be read. Disk space for the next rows is reserved before they are written.
-If the disk is full, an array of at most MOST_BYTES moves to memory.
+column by column, so that individual columns can be read. Disk space for the next rows is reserved before they are
+written. If the disk is full, an array of at most MOST_BYTES moves to memory.
 """
 
 import errno
@@ -81,7 +81,7 @@ def _in_memory_instead(shape: tuple[int, ...], error: OSError) -> Array:
     folder = tempfile.gettempdir()
     if 8 * prod(shape) > MOST_BYTES:
         reason = os.strerror(error.errno or errno.EIO)
-        text = f"{reason}; a run of this length stores its log there; set TMPDIR to a folder with enough space"
+        text = f"{reason}; a long run stores its log in this folder; set TMPDIR to a folder with enough space"
         raise OSError(error.errno, text, folder) from error
     if folder not in _TOLD:
         _TOLD.add(folder)

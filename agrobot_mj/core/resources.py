@@ -106,18 +106,19 @@ def checked(name: str, kinds: Sequence[str], most_bytes: int) -> Path:
         if path.is_dir():
             refuse(path, f"is a folder; specify a file{known}")
         if not path.exists():
-            refuse(path, f"no such file in {path.parent.absolute()}; specify it relative to the scenario file")
+            refuse(path, f"no such file in {path.parent.absolute()}; specify the path relative to the scenario file")
         if not path.is_file():
             refuse(path, f"is not a regular file; specify a file{known}")
         size = path.stat().st_size
     except (OSError, RuntimeError) as error:
         refuse(path, f"cannot be read: {getattr(error, 'strerror', None) or error}; choose another file")
     if kinds and path.suffix.lower() not in kinds:
-        refuse(path, f"unknown type {path.suffix!r}; convert it to one of {', '.join(kinds)}")
+        refuse(path, f"unknown file type {path.suffix!r}; convert the file to one of {', '.join(kinds)}")
     if size == 0:
         refuse(path, "the file is empty; create it again")
     if size > most_bytes:
-        refuse(path, f"the file has {size / 1e6:.3g} MB, more than {most_bytes / 1e6:.0f} MB; crop or thin the file")
+        limit = f"{most_bytes / 1e6:.0f} MB"
+        refuse(path, f"the file has {size / 1e6:.3g} MB, but the limit is {limit}; crop or downsample it")
     return path
 
 

@@ -76,7 +76,7 @@ def whole_ticks(seconds: float) -> float:
     """Return the time `seconds` unchanged. Raises ValueError unless the time is a whole number of ticks."""
     ticks = round(seconds / TICK_S)
     if not isclose(seconds, ticks * TICK_S, abs_tol=1e-9):
-        raise ValueError(f"{seconds} is not a whole number of {TICK_S} s ticks; try {ticks * TICK_S:g}")
+        raise ValueError(f"{seconds} is not a multiple of the {TICK_S} s tick; try {ticks * TICK_S:g}")
     return seconds
 
 

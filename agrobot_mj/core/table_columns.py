@@ -64,10 +64,10 @@ def column_names(source: Source) -> list[str]:
 
 
 def read_columns(source: Source, wanted: Sequence[str], why: dict[str, str] | None = None) -> dict[str, Array]:
-    """Return columns of a log as floats, shape (n,) each. Empty cells are NaN, and clock times are in seconds.
+    """Return columns of a log as arrays of floats with shape (n,). Empty cells are NaN, and clock times are in seconds.
 
-    `why` maps columns to the scenario keys that request them, for messages. Raises `FieldLogError` for an unreadable
-    file, a missing column, a column without numbers, and more than `MOST_ROWS` rows.
+    `why` maps a column to the scenario key that requests it, which error messages name. Raises `FieldLogError` if the
+    file is unreadable, if a column is missing or has no numbers, or if there are more than `MOST_ROWS` rows.
     """
     cells = _cells(source, wanted, why)
     return {column: _floats(source_name(source), column, cells(column)) for column in dict.fromkeys(wanted)}
@@ -88,7 +88,8 @@ def _cells(source: Source, wanted: Sequence[str], why: dict[str, str] | None) ->
         if column not in known:
             shown = ", ".join(known[:SHOWN]) + (", ..." if len(known) > SHOWN else "")
             asked = f" ({why[column]})" if why and column in why else ""
-            raise FieldLogError(f"{name}: no column {column!r}{asked}{suggestion(column, known)} (available: {shown})")
+            missing = f"there is no column {column!r}{asked}{suggestion(column, known)}"
+            raise FieldLogError(f"{name}: {missing} (available: {shown})")
         if known.count(column) > 1:
             raise FieldLogError(f"{name}: there is more than one column {column!r}; rename all but one")
     cells: Callable[[str], pa.ChunkedArray]
@@ -102,7 +103,7 @@ def _cells(source: Source, wanted: Sequence[str], why: dict[str, str] | None) ->
     if not rows:
         raise FieldLogError(f"{name}: the file has column names but no rows; export it again")
     if rows > MOST_ROWS:
-        raise FieldLogError(f"{name}: the file has {rows:.3g} rows, more than {MOST_ROWS:.3g}; split it or thin it")
+        raise FieldLogError(f"{name}: the file has {rows:.3g} rows, but the limit is {MOST_ROWS:.3g}; split the file")
     return cells
 
 
@@ -126,7 +127,7 @@ def check_time(name: str, column: str, t: Array, unit_key: str = "") -> None:
         raise FieldLogError(f"{where} has {len(t)} rows; a log needs at least two")
     if not np.isfinite(t).all():
         row = int(np.flatnonzero(~np.isfinite(t))[0])
-        raise FieldLogError(f"{where} has no number in row {row + 1}; remove the rows without a time")
+        raise FieldLogError(f"{where} is not a number in row {row + 1}; remove the rows without a time")
     steps = np.diff(t)
     if not steps.any():
         raise FieldLogError(f"{where} is constant; specify the time column")
@@ -157,7 +158,9 @@ def source_name(source: Source) -> str:
 def check_size(path: Path, most: int = MOST_CSV_BYTES) -> None:
     """Raise `FieldLogError` for a file of more than `most` bytes."""
     if (size := path.stat().st_size) > most:
-        raise FieldLogError(f"{path.name}: the file has {size / 1e6:.3g} MB, more than {most / 1e6:g} MB; split it")
+        raise FieldLogError(
+            f"{path.name}: the file has {size / 1e6:.3g} MB, but the limit is {most / 1e6:g} MB; split the file"
+        )
 
 
 def is_parquet(data: bytes) -> bool:
@@ -189,7 +192,7 @@ def _header(path: Path) -> tuple[list[str], str]:
     if CONTROL.search(text):
         raise FieldLogError(f"{path.name}: the first line has control characters; export the file as CSV in UTF-8")
     if "\r" in text:
-        raise FieldLogError(f"{path.name}: the lines end with a carriage return only; save it with LF or CR LF")
+        raise FieldLogError(f"{path.name}: the lines end with CR only; save the file with LF or CR LF")
     if not text.strip():
         raise FieldLogError(f"{path.name}: the file has no header line with column names; add one")
     delimiter = max(",;\t", key=text.count)
@@ -227,7 +230,7 @@ def _floats(name: str, column: str, cells: pa.ChunkedArray) -> Array:
     if pa.types.is_null(kind):
         raise FieldLogError(f"{name}: {column!r} is empty in every row; specify another column")
     if not (pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind)):
-        raise FieldLogError(f"{name}: {column!r} holds {_described(kind, cells)}")
+        raise FieldLogError(f"{name}: {column!r} contains {_described(kind, cells)}")
     values = _numpy(cells.cast(pa.float64()), 0)
     values[~np.isfinite(values)] = np.nan
     return values

@@ -141,5 +141,6 @@ class EkfBias(PoseEstimator):
         return np.zeros(3), np.array((radians(self.initial_steer_bias_sigma_deg), 1.0, 1.0))
 
     def steer_bias(self, pose: Array) -> float:
-        """Return the estimated steering bias [rad]: measured steering angle minus angle for the path curvature."""
+        """Return the estimated steering bias [rad]: the measured steering angle minus the angle that corresponds to the
+        path curvature."""
         return float(pose[BIAS])

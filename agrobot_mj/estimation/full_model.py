@@ -227,11 +227,11 @@ def process_noise(levels: FullLevels, dt: float, correlation_time: float, n: int
 
 @jit
 def braking(pitch: float, v: float, side: SideLoad, levels: FullLevels) -> float:
-    """Return the braking force of the rear tyres per mass and relative load, times tyre softening [m/s2].
+    """Return p (1 + 1.1 (f^2 + p^2) / g^2) [m/s2], the specific braking force of the rear tyres with tyre softening.
 
-    The force balances gravity along the ground and the component l_r f kappa of the side force of the front tyres,
-    which the steering angle turns backward. The rear axle carries cos(pitch) - load_transfer sin(pitch) of its load on
-    level ground. The combined force softens the tyres.
+    p is the braking force per mass, divided by `load`, and f is the specific side force. The braking force balances
+    gravity along the ground and the backward component l_r f kappa of the side force of the steered front tyres. `load`
+    is the rear-axle load relative to level ground, cos(pitch) - load_transfer sin(pitch).
     """
     force = v * v * side.bend + side.gravity
     load = max(cos(pitch) - levels.load_transfer * sin(pitch), LEAST_LOAD)

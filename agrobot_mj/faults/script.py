@@ -44,8 +44,8 @@ def clashes(faults: Sequence[Scripted]) -> list[str]:
         alike = earlier.setdefault(fault.subject, [])
         if (first := next((i for i in alike if fault.overlaps(faults[i])), None)) is not None:
             found.append(
-                f"fault[{k}]: the fault overlaps fault[{first}], both {fault.kind} "
-                f"({_window(fault)} and {_window(faults[first])}); end one before the start of the other"
+                f"fault[{k}]: this {fault.kind} fault ({_window(fault)}) overlaps fault[{first}] "
+                f"({_window(faults[first])}); end one before the start of the other"
             )
         alike.append(k)
     return found

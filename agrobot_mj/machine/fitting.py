@@ -46,9 +46,9 @@ def _light(tractor: TractorParameters) -> Iterator[str]:
     least = 1e3 * LIGHTEST_KN_M3 / GRAVITY * sum(2 * (2 * w.radius) ** 2 * w.width for w in tractor.wheels)
     if tractor.mass_kg < least:
         wheel = tractor.rear_wheel
-        has = f"{tractor.mass_kg:g} kg on rear wheels of {2 * wheel.radius:.2g} m by {wheel.width:.2g} m"
-        own = f"a size found on machines of at least {least:.0f} kg"
-        yield f"tractor.mass_kg: {has}, {own}; set the mass, or the radius and width of the wheels"
+        size = f"rear wheels of {2 * wheel.radius:.2g} m by {wheel.width:.2g} m"
+        fits = f"which fit machines of at least {least:.0f} kg; set the mass, or the radius and width of the wheels"
+        yield f"tractor.mass_kg: {tractor.mass_kg:g} kg is too light for {size}, {fits}"
 
 
 def _tyres(machine: Machine, hitched: HitchedBody | None) -> Iterator[str]:
@@ -66,16 +66,16 @@ def _tyres(machine: Machine, hitched: HitchedBody | None) -> Iterator[str]:
 def _overloaded(key: str, load: float, wheel: AxleWheel, most_kpa: float) -> Iterator[str]:
     kpa = load / (2 * wheel.radius * wheel.width) / 1e3
     if kpa > most_kpa:
-        carries = f"{2 * wheel.radius:.2g} m by {wheel.width:.2g} m carries {load:.0f} N, a pressure of {kpa:.0f} kPa"
-        yield f"{key}: a wheel of {carries}, above the limit of {most_kpa:g} kPa; set the radius and width of the wheel"
+        carries = f"{2 * wheel.radius:.2g} m by {wheel.width:.2g} m under {load:.0f} N has a pressure of {kpa:.0f} kPa"
+        yield f"{key}: a wheel of {carries}, above the limit of {most_kpa:g} kPa; increase its radius or width"
 
 
 def _steering(machine: Machine) -> Iterator[str]:
     tractor, cylinder = machine.tractor, machine.cylinder
     needed, relief = machine.linkage.parked_torque(tractor), cylinder.column(tractor, machine.linkage).relief_torque
     if relief < needed:
-        less = f"the cylinder provides {relief:.0f} N m, and the front wheels need {needed:.0f} N m at standstill"
-        yield f"steering.cylinder.relief_pressure_bar: {less}; the wheels turn only while rolling"
+        less = f"the cylinder provides {relief:.0f} N m, but the front wheels need {needed:.0f} N m at standstill"
+        yield f"steering.cylinder.relief_pressure_bar: {less}; the tractor can steer only while moving"
     bar = relief / cylinder.displacement / 1e5
     if cylinder.relief_pressure_bar is None and bar > HIGHEST_BAR:
         small = f"too small for this front axle, with a relief pressure of {bar:.0f} bar"
@@ -92,10 +92,11 @@ def _drive(machine: Machine, hitched: HitchedBody | None, speed: float) -> Itera
     strength = driveline.strength(tractor)
     pull = strength.torque / tractor.rear_wheel_radius_m / weight
     if pull < LEAST_PULL:
-        yield (f"driveline.torque_limit_n_m: {pull:.2g} times the weight of {weight:.0f} N is too low for a slope")
+        ratio = f"{pull:.2g} times the weight of {weight:.0f} N"
+        yield f"driveline.torque_limit_n_m: the maximum pull is only {ratio}, too low for a slope; increase the limit"
     if speed > 0.0 and (share := strength.power / speed / weight) < LEAST_POWER:
-        at = f"at {speed:g} m/s the pull is {share:.2g} times the weight of {weight:.0f} N"
-        yield f"driveline.power_limit_kw: {at}, close to the rolling resistance"
+        at = f"at {speed:g} m/s the maximum pull is only {share:.2g} times the weight of {weight:.0f} N"
+        yield f"driveline.power_limit_kw: {at}, close to the rolling resistance; increase the limit"
 
 
 def ratios_of(tractor: TractorParameters, driveline: Driveline, implement: ImplementBase) -> dict[str, float]:

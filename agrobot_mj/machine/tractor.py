@@ -161,7 +161,9 @@ class TractorParameters(Spec):
     def _wheels_beside_each_other(self) -> "TractorParameters":
         for key in ("front_wheel_width_m", "rear_wheel_width_m"):
             if (width := getattr(self, key)) >= self.track_m:
-                raise ValueError(f"{key}: must be below track_m ({self.track_m:g}), or wheels overlap; got {width:g}")
+                raise ValueError(
+                    f"{key}: must be below track_m ({self.track_m:g}), otherwise the wheels overlap; got {width:g}"
+                )
         return self
 
     @property

@@ -33,7 +33,7 @@ USUAL_DEFLECTION = 0.20
 radii."""
 LEAST_BAR, MOST_BAR = 0.6, 2.4
 """Limits of the default inflation pressure [bar], which is computed from the load. Assumed values: range of the
-pressure tables of field tyres. Tyres of light machines have the minimum pressure and deflect less."""
+pressure tables of field tyres. At the lower limit, tyres of light machines deflect less than `USUAL_DEFLECTION`."""
 NOMINAL_ASPECT, NOMINAL_RIM = 0.75, 0.4
 """Aspect ratio (section height divided by section width), and minimum ratio of rim diameter to tyre diameter, of a tyre
 without a size code [-]. Assumed values: 0.7-0.9 and 0.4-0.65."""
@@ -122,4 +122,7 @@ def _check(code: str, size: TyreSize) -> None:
     for (what, (low, high, unit)), value in zip(RANGES.items(), values, strict=True):
         if not low <= value <= high:
             limits = f"{low:g} to {high:g} {unit}".rstrip()
-            raise ValueError(f"{shortened(repr(code))} has a {what} of {value:.3g}, not {limits}; check the code")
+            raise ValueError(
+                f"{shortened(repr(code))} gives a {what} of {value:.3g}, which must be {limits}; check the tyre size "
+                "code"
+            )

@@ -39,7 +39,8 @@ def cause_of(view: RunView, across: bool) -> str:
 
 
 def _inner(a: Vectors, b: Vectors, across: bool) -> float:
-    """Return the inner product of two contributions over the ticks [m2], lateral if `across`, otherwise horizontal."""
+    """Return the inner product over the ticks of two error contributions [m2], or of their lateral components if
+    `across`."""
     return float(a.imag @ b.imag + (0.0 if across else a.real @ b.real))
 
 

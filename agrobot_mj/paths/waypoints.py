@@ -81,7 +81,7 @@ def _chosen(shapes: tuple[Polyline, ...]) -> tuple[Polyline, list[str]]:
 def _checked(shape: Polyline, closed: bool) -> tuple[Array, list[str]]:
     points = shape.points
     if len(points) > MAX_ROWS:
-        raise ValueError(f"the file has {len(points)} waypoints, and the limit is {MAX_ROWS}; remove some rows")
+        raise ValueError(f"the file has {len(points)} waypoints, but the limit is {MAX_ROWS}; remove some rows")
     notes = list[str]()
     if len(points) >= 3:
         kept, notes = cleaned(points, closed)

@@ -29,17 +29,17 @@ def tell(stream: rr.RecordingStream, text: str, entity: str = "info") -> None:
 
 
 def running(scenario: Scenario) -> str:
-    """Return the Markdown text of a recording during the run."""
+    """Return the Markdown text that a recording contains while the run is in progress."""
     return _page(scenario, "*The run is active or was killed before its end.*")
 
 
 def broken(scenario: Scenario, error: BaseException, t: float) -> str:
-    """Return the Markdown text of a recording whose run ended with an exception at time `t` [s]."""
+    """Return the Markdown text that a recording contains after an exception at the time `t` [s]."""
     return _page(scenario, f"**ended by an error** after {t:.2f} s: `{type(error).__name__}: {error}`")
 
 
 def summary(log: Log) -> str:
-    """Return the Markdown text of a recording after the run: outcome and metrics."""
+    """Return the Markdown text that a recording contains after the run: outcome and metrics."""
     end = (
         f"**{log.outcome}** after {log.rows.filled * TICK_S:.2f} s, {log.wall_s:.2f} s of wall time; "
         f"{'as expected' if log.as_expected else f'**expected: {log.scenario.expectation}**'}."

@@ -55,15 +55,15 @@ def path_errors(s: Tables) -> list[str]:
     allowed = getattr(s.path, "lateral_acceleration_m_s2", inf)  # paths that compute their speed observe this limit
     if (aside := min(curvature * s.path.speed_m_s**2, allowed)) > MOST_ASIDE_M_S2:
         found.append(
-            f"path.speed_m_s: {s.path.speed_m_s:g} m/s in the sharpest bend ({curvature:.3g} 1/m) needs "
-            f"{aside:.2g} m/s2 to the side, more than tyres provide ({MOST_ASIDE_M_S2:g}); reduce speed or curvature"
+            f"path.speed_m_s: {s.path.speed_m_s:g} m/s in the sharpest bend ({curvature:.3g} 1/m) needs a lateral "
+            f"acceleration of {aside:.2g} m/s2, but tyres provide only {MOST_ASIDE_M_S2:g}; reduce speed or curvature"
         )
     needed = s.tractor.steering_for(curvature)
     if needed >= s.tractor.steer_limit:
         place = s.path.sharpest
         found.append(
             f"path: the curvature of {curvature:.3g} 1/m at ({place.x:.1f}, {place.y:.1f}) m, "
-            f"{place.distance:.1f} m from the start, needs {degrees(needed):.1f} deg of steering, and the limit is "
+            f"{place.distance:.1f} m from the start, needs {degrees(needed):.1f} deg of steering, but the limit is "
             f"{s.tractor.steer_limit_deg:g} deg (radius {s.tractor.tightest_radius:.2f} m); use a larger radius"
         )
     return found

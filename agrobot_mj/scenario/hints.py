@@ -41,7 +41,8 @@ def _faults(scenario: Scenario) -> Iterator[str]:
     for k, fault in enumerate(scenario.fault):
         first = max(0, ceil((fault.start_s - ROUNDING_S) / TICK_S)) * TICK_S
         if first >= end - ROUNDING_S:
-            yield f"fault[{k}].start_s: {fault.start_s:g} s is not before the end of the run, {end:g} s"
+            late = f"{fault.start_s:g} s is not before the end of the run ({end:g} s)"
+            yield f"fault[{k}].start_s: {late}, so the fault has no effect"
         elif not fault.active(first):
             window = f"{fault.start_s:g} to {fault.last_s:g} s"
             yield f"fault[{k}]: the window {window} contains no tick of {TICK_S:g} s, so the fault has no effect"
@@ -50,8 +51,8 @@ def _faults(scenario: Scenario) -> Iterator[str]:
 def _late(scenario: Scenario) -> Iterator[str]:
     late, most = scenario.sensors.gnss.latency_s, scenario.supervisor.coasting_after_s
     if scenario.supervisor.enabled and late > most:
-        why = f"the latency of the fixes is always longer (sensors.gnss.latency_s = {late:g} s), so the tractor coasts"
-        yield f"supervisor.coasting_after_s: {most:g} s; {why}"
+        why = f"is always below the latency of the fixes (sensors.gnss.latency_s = {late:g} s), so the tractor coasts"
+        yield f"supervisor.coasting_after_s: {most:g} s {why}"
 
 
 def _overruled(scenario: Scenario) -> Iterator[str]:
@@ -200,5 +201,5 @@ def _ground(s: Scenario, outline: PathOutline) -> Iterator[str]:
         return
     k = int(np.argmax(off))
     place = f"({x[k]:.0f}, {y[k]:.0f}) m after {outline.t[k]:.0f} s"
-    reach = f"which extends from ({west:g}, {south:g}) to ({east:g}, {north:g}) m"
-    yield f"path: the path leaves the ground at {place}, {reach}; make the terrain larger"
+    reach = f"the terrain extends from ({west:g}, {south:g}) to ({east:g}, {north:g}) m"
+    yield f"path: the path leaves the terrain at {place}; {reach}; make it larger"

@@ -41,7 +41,7 @@ def json_text(data: Mapping[str, Any], source: str) -> bytes:
     try:
         return json.dumps(data, default=_as_plain, ensure_ascii=False).encode()
     except ValueError:  # includes UnicodeEncodeError
-        raise ScenarioError(f"{source}: has a number with thousands of digits, or text that is not UTF-8") from None
+        raise ScenarioError(f"{source}: a number has thousands of digits, or a text is not valid UTF-8") from None
 
 
 def _as_plain(value: Any) -> Any:

@@ -174,7 +174,9 @@ def _family(member: type[Spec]) -> list[Key]:
     # The base class of a family declares `kind` as str; its members declare a Literal.
     public = [base.__name__ for base in bases if vars(base).get("__annotations__", {}).get("kind") is str]
     names = ", ".join(sorted([*public, Metric.__name__, Sensor.__name__]))
-    raise ScenarioError(f"register: {member.__name__}: the class belongs to no family; derive it from one of {names}")
+    raise ScenarioError(
+        f"register: {member.__name__}: the class has no known base class; derive it from one of {names}"
+    )
 
 
 def _with_member(annotation: Any, member: type[Spec], instead: type[Spec] | None) -> Any:

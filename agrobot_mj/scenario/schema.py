@@ -110,7 +110,7 @@ def on_machine(data: Mapping[str, Any], overrides: Mapping[str, Any] = MappingPr
 
 @cache
 def compact() -> Scenario:
-    """Return the default scenario of the default machine."""
+    """Return the default scenario, which has the default machine `compact`."""
     return Scenario.model_construct()
 
 

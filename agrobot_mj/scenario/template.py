@@ -34,7 +34,7 @@ def write_template(name: str) -> Path:
         with path.open("x", encoding="utf-8") as file:
             file.write(template(path.stem))
     except FileExistsError:
-        raise ScenarioError(f"{path}: already exists; choose another name") from None
+        raise ScenarioError(f"{path}: the file already exists; choose another name") from None
     return path
 
 

@@ -147,7 +147,7 @@ def _further(p: FurtherPart, error: Vector, generator: int) -> Vector:
 
 
 class Delivery(NamedTuple):
-    """State of the receiver between two ticks, without its position errors."""
+    """State of the transmission of GNSS solutions between two ticks: signal blockage, and solutions in transit."""
 
     canopies: tuple[CanopyState, ...]  # State of each canopy
     heading: SignalLine = SignalLine()  # Signal line that transmits the heading from two antennas

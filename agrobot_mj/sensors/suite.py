@@ -138,7 +138,7 @@ class Suite:
         self.compiled: dict[str, Any] = compiled
         self.gnss, self.steering_pot, self.pedal_pot = compiled["gnss"], compiled["steering_pot"], compiled["pedal_pot"]
         self._prepared: tuple[int, Any] = 0, None
-        """Number of physics steps in a tick, and parameters of `sense` for such ticks."""
+        """Cached number of physics steps per tick, and the parameters of `sense` for this number."""
         self.plain = not self.others and self.gnss.immediate and self.steering_pot.linear
         """Whether the compiled call delivers all measurements in ticks without faults."""
         self._streams: tuple[Generators, Addresses] | None = None

@@ -210,7 +210,7 @@ def check_report(maker: str, columns: Sequence[Column], report: Any) -> None:
         numbers = []
     if len(numbers) != len(columns):
         count = f"{len(columns)} numbers, one per column"
-        raise ScenarioError(f"{maker}: report must return {count}, got {one_line(report)}")
+        raise ScenarioError(f"{maker}: the method report() must return {count}, got {one_line(report)}")
 
 
 def read_only(estimate: Estimate) -> Estimate:

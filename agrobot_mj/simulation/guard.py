@@ -9,13 +9,14 @@ from agrobot_mj.core.errors import CommandError
 from agrobot_mj.core.interrupts import held_back
 
 IN_USE = (
-    "the simulation is in use by another thread or by an enclosing call; give each thread a "
-    "simulation of its own (copy.deepcopy)"
+    "the simulation is in use by another thread or by an enclosing call; use a separate "
+    "simulation in each thread (copy.deepcopy)"
 )
 
 
 class Guard:
-    """Context manager for an atomic call of a simulation. Raises `CommandError` if another call is in progress."""
+    """Context manager for an uninterruptible, exclusive call of a simulation. Raises `CommandError` if another call is
+    in progress."""
 
     def __init__(self) -> None:
         self._lock = Lock()

@@ -95,7 +95,10 @@ def claim(folder: Path, names: Iterable[str]) -> None:
 
 
 def owned(folder: Path) -> frozenset[str] | None:
-    """Return the names listed in the mark of `folder`, all file names for an empty mark, or None without a mark."""
+    """Return the file names listed in the marker file of `folder`.
+
+    Return the names of all files in the folder if the marker file is empty, and None if there is no marker file.
+    """
     mark = folder / MARK
     if mark.is_symlink() or not mark.is_file():
         return None
@@ -106,7 +109,7 @@ def owned(folder: Path) -> frozenset[str] | None:
 
 
 def remove(folder: Path, names: Iterable[str]) -> None:
-    """Delete the files `names` that the mark of `folder` lists."""
+    """Delete the files `names` that the marker file of `folder` lists."""
     ours = owned(folder) or frozenset()
     for name in names:
         if name in ours:

@@ -216,7 +216,7 @@ def _tried(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario | Scen
         return ScenarioError(f"{place}{error}")
     if command := changed.guidance.outside:
         kind = changed.guidance.kind
-        return ScenarioError(f'{place}guidance.kind: "{kind}" is driven by another program; use `agrobot-mj {command}`')
+        return ScenarioError(f'{place}guidance.kind: "{kind}" needs an external program; use `agrobot-mj {command}`')
     return changed
 
 
@@ -235,13 +235,15 @@ def _check_names(laws: Sequence[CompetingLaw]) -> None:
     names = [law.name for law in laws]
     for law in laws:
         if law.variant is not None and names.count(law.name) > 1:
-            raise ScenarioError(f"--variant {law.variant!r}: is also the name of a compared law; choose another")
+            raise ScenarioError(
+                f"--variant {law.variant!r}: this is also the name of a compared law; choose another name"
+            )
 
 
 def _check_number(laws: int, plants: int, seeds: int, most: int) -> None:
     if (runs := laws * plants * seeds) > most:
         raise ScenarioError(
-            f"{runs} runs are planned ({laws} laws, {plants} plants, {seeds} seeds), and the limit is {most}; "
+            f"{runs} runs are planned ({laws} laws, {plants} plants, {seeds} seeds), but the limit is {most}; "
             f"reduce the number of runs or add --max-runs {runs}"
         )
 

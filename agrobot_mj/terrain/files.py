@@ -74,7 +74,7 @@ def _fits(path: Path, shape: tuple[int, ...]) -> None:
     if min(shape) < 2:
         refuse(path, f"the grid has {rows} x {columns} nodes; at least 2 x 2 are required")
     if rows * columns > MOST_NODES:
-        refuse(path, f"the grid has {rows} x {columns} nodes, more than {MOST_NODES}; crop or thin the grid")
+        refuse(path, f"the grid has {rows} x {columns} nodes, but the limit is {MOST_NODES}; crop or downsample it")
 
 
 def _try(path: Path, fix: str, read: Callable[[], Any]) -> Any:
@@ -198,7 +198,7 @@ def _cell_of(path: Path, head: dict[str, float]) -> float:
 
 def _in_metres(path: Path, cell: float) -> None:
     if not FINEST_M <= cell <= HUGE:
-        refuse(path, f"the cells are {cell:g} m; if these are degrees, reproject it to metres with gdalwarp -t_srs")
+        refuse(path, f"the cells are {cell:g} m; if these are degrees, reproject to metres with gdalwarp -t_srs")
 
 
 READERS: dict[str, Callable[[Path], Sheet]] = {

@@ -52,8 +52,8 @@ class Heightmap(Tilted):
         if ground.steepest > (limit := tan(radians(STEEPEST_DEG))):
             raise ValueError(
                 f"scale: {self._name} rises {ground.steepest * spacing:.3g} m between nodes {spacing:g} m apart, more "
-                f"than {STEEPEST_DEG:g} deg; its heights are probably in another unit: set scale, at most "
-                f"{rounded_down(abs(self.scale) * limit / ground.steepest):g} fits"
+                f"than {STEEPEST_DEG:g} deg; its heights are probably in another unit; set a scale of at "
+                f"most {rounded_down(abs(self.scale) * limit / ground.steepest):g}"
             )
         return self.tilted(ground)
 

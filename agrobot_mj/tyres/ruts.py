@@ -118,7 +118,7 @@ class Ruts(CarcassTyre):
             sunk = (3 * load / ((3 - n) * b * k * sqrt(2 * R))) ** (2 / (2 * n + 1))
             if sunk > DEEPEST * R:
                 deep = f"would sink by {sunk:.2g} m under {load:.0f} N"
-                yield (f"k_phi_kn: a rigid {wheel.axle} wheel {deep}; the limit is a third of its radius of {R:.2g} m")
+                yield f"k_phi_kn: a rigid {wheel.axle} wheel {deep}, more than a third of its radius of {R:.2g} m"
 
     def structure(self) -> Structure:
         """Return the carcass and contact patch; the rolling resistance is the tyre's internal loss [Brixius1987]."""

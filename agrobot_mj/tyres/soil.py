@@ -109,7 +109,7 @@ class Soil(CarcassTyre):
             M = lateral_number(b, d, h, 1e3 * self.cone_index_kpa, load, load / wheel.stiffness)
             if M < SOFTEST:
                 soft = f"the soil is too soft for {load:.0f} N on a {wheel.axle} wheel of {d:.2g} m by {b:.2g} m"
-                yield f"cone_index_kpa: {soft}: the mobility number is {M:.2g}, and the fits are valid from {SOFTEST:g}"
+                yield f"cone_index_kpa: {soft}: the mobility number is {M:.2g}, below the valid minimum of {SOFTEST:g}"
 
     def structure(self) -> Structure:
         """Return the carcass and contact patch; the rolling resistance is the tyre's internal loss [Brixius1987]."""

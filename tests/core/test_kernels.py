@@ -225,7 +225,7 @@ def test_state_held_by_reference_is_immutable_and_can_be_pickled():
 
 @compiled
 def test_stage_rejects_a_state_that_is_not_held_by_reference():
-    with pytest.raises(TypeError, match="scaled: argument 1 must be a held state, got Pair"):
+    with pytest.raises(TypeError, match=r"scaled: argument 1 must be a reference from held\(\), got Pair"):
         scaled(Pair(2.0, np.zeros(3)), 3.0)
 
 

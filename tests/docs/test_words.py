@@ -12,7 +12,7 @@ PAGES = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")),
     *sorted((ROOT / "docs").rglob("*.md")),
 ]
-WRITTEN = re.compile(r"This page is written by `|`agrobot-mj validate`\s+drives\s+them,\s+writes\s+this\s+page")
+WRITTEN = re.compile(r"This page is written by `|`agrobot-mj validate`\s+runs\s+them,\s+writes\s+this\s+page")
 """Notice on a page that a script writes the complete page."""
 READING_PATH = (
     *("README.md", "docs/tutorial.md", "docs/cookbook.md", "docs/scenarios.md", "docs/machines.md", "docs/guidance.md"),

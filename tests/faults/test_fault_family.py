@@ -137,7 +137,7 @@ def test_sensor_fault_changes_only_its_sensor_within_its_time_window(drive, kind
 def test_two_overlapping_faults_of_the_same_kind_are_rejected():
     message = refused({"kind": "gnss_loss", "end_s": 30}, {"kind": "friction"}, {"kind": "gnss_loss", "start_s": 20})
     assert message == (
-        "mine.toml: fault[2]: the fault overlaps fault[0], both gnss_loss (20 to the end and 0 to 30 s); "
+        "mine.toml: fault[2]: this gnss_loss fault (20 to the end) overlaps fault[0] (0 to 30 s); "
         "end one before the start of the other"
     )
 
@@ -194,7 +194,7 @@ def test_effects_of_faults_of_different_kinds_add_up():
         ({"kind": "gnss_los"}, "fault[0].kind: unknown kind 'gnss_los'; did you mean 'gnss_loss'?"),
         ({"start_s": 3}, "fault[0].kind: is missing (known: "),
         ({"kind": "gnss_loss", "strat_s": 3}, "fault[0].strat_s: unknown key; did you mean 'start_s'?"),
-        ({"kind": "gnss_latency", "latency_s": 0.12}, "fault[0].latency_s: 0.12 is not a whole number of 0.05 s ticks"),
+        ({"kind": "gnss_latency", "latency_s": 0.12}, "fault[0].latency_s: 0.12 is not a multiple of the 0.05 s tick"),
         ({"kind": "gnss_latency", "latency_s": 9}, "fault[0].latency_s: must be at most 5"),
         ({"kind": "gnss_float", "jump_interval_s": 0.01}, "fault[0].jump_interval_s: must be at least 0.05"),
         ({"kind": "gnss_float", "flicker_s": 0}, "fault[0].flicker_s: must be at least 0.05"),
@@ -205,7 +205,7 @@ def test_effects_of_faults_of_different_kinds_add_up():
         ({"kind": "gnss_frozen", "keep": "all"}, "fault[0].keep: "),
         ({"kind": "gyro_stuck", "value": "first"}, "fault[0].value: "),
         ({"kind": "gyro_scale", "scale": -11}, "fault[0].scale: must be at least -10"),
-        ({"kind": "valve_delay", "delay_s": 0.12}, "fault[0].delay_s: 0.12 is not a whole number of 0.05 s ticks"),
+        ({"kind": "valve_delay", "delay_s": 0.12}, "fault[0].delay_s: 0.12 is not a multiple of the 0.05 s tick"),
         ({"kind": "valve_wear", "dead_band_v": 7}, "fault[0].dead_band_v: must be at most 6"),
         (3, "fault[0]: must be a table, got 3"),
     ],
@@ -243,7 +243,11 @@ def call(call):
 
 LOSS = '[[fault]]\nkind = "gnss_loss"\nstart_s = 0.5\nend_s = 1\n'
 BAD = [
-    (LOSS + LOSS.replace("0.5", "0.8"), (), ("fault[1]: the fault overlaps fault[0]", "0.8 to 1 s and 0.5 to 1 s")),
+    (
+        LOSS + LOSS.replace("0.5", "0.8"),
+        (),
+        ("fault[1]: this gnss_loss fault (0.8 to 1 s) overlaps fault[0]", "(0.5 to 1 s)"),
+    ),
     ('[fault]\nkind = "gnss_loss"\n', (), ("fault: must be a list of tables; write [[fault]]",)),
     ("fault = 3\n", (), ("fault: must be a list, got 3",)),
     (LOSS, ("fault.9.x=1",), ("--set fault.9.x: the scenario has 1 tables [[fault]], and 0 is the first",)),

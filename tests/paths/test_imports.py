@@ -90,7 +90,7 @@ def test_recorded_speed_is_converted_to_metres_per_second(tmp_path):
 def test_column_of_another_quantity_is_not_read_as_speed(tmp_path, name):
     points, notes = points_of(tmp_path, "poses.csv", f"x,y,{name}\n" + "".join(f"{x},{y},0.4\n" for x, y in BEND))
     assert points.shape[1] == 2
-    assert notes == (f"column {name} ignored",)
+    assert notes == (f"column {name} is ignored",)
 
 
 CIRCLE = 20 * np.array([(np.cos(a), np.sin(a)) for a in np.linspace(0, 5, 40)])
@@ -108,7 +108,7 @@ def test_unnamed_third_column_of_headings_or_heights_is_not_read(tmp_path, name)
     text = "".join(f"{x},{y},{z}\n" for (x, y), z in zip(CIRCLE, THIRD[name], strict=True))
     points, notes = points_of(tmp_path, "unnamed.csv", text)
     np.testing.assert_allclose(points, CIRCLE)
-    assert notes == ("the third column has no speeds and is ignored",)
+    assert notes == ("the third column does not contain speeds and is ignored",)
 
 
 def test_unnamed_third_column_with_speeds_is_read_as_speed(tmp_path):
@@ -134,7 +134,7 @@ def test_rows_of_a_path_file_without_a_position_are_omitted(tmp_path):
     text = "t,x,y\n0,,\n" + "".join(f"{k},{x},{y}\n" for k, (x, y) in enumerate(BEND)) + "9,,\n"
     points, notes = points_of(tmp_path, "gaps.csv", text)
     np.testing.assert_allclose(points, BEND)
-    assert notes == ("column t ignored", "2 rows without a position omitted")
+    assert notes == ("column t is ignored", "2 rows without a position are omitted")
     with pytest.raises(ValueError, match="row 2: y is not a number: ''"):
         points_of(tmp_path, "half.csv", "x,y\n1,\n2,3\n")
 
@@ -209,10 +209,10 @@ def test_recorded_track_with_a_stop_is_converted_to_a_drivable_path(tmp_path):
     assert path.max_curvature < 1 / (0.4 * path.corner_radius_m)
     found = np.array([path.at(t)[:2] for t in np.linspace(0, path.duration_s, 400).tolist()])
     assert np.abs(found[:, 1] - 4 * np.sin(found[:, 0] / 12)).max() < 0.1
-    assert all(word in note for word, note in zip(("omitted", "thinned", "smoothed"), path.notes, strict=True))
+    assert all(word in note for word, note in zip(("omitted", "reduced", "smoothed"), path.notes, strict=True))
     (tmp_path / "mine.toml").write_text('[path]\nkind = "waypoints"\nfile = "way.csv"\n')
     said = [line for line in hints(load_scenario(tmp_path / "mine.toml")) if line.startswith("path.file: ")]
-    assert said[0] == "path.file: 1 repeated point omitted"
+    assert said[0] == "path.file: 1 repeated point is omitted"
 
 
 def test_recorded_track_without_noise_is_not_changed():
@@ -243,7 +243,7 @@ def test_single_distant_point_of_a_track_is_classified_as_an_outlier():
 
 DAMAGED = {
     "a.kml": (kml(placemark("<LineString><coordinates>6.7;52.3</coordinates></LineString>")), "not longitude,latitude"),
-    "b.kml": (kml("")[:-8], "is damaged XML"),
+    "b.kml": (kml("")[:-8], "is not valid XML"),
     "c.kml": (kml(""), "the file contains no positions; export it again"),
     "d.json": ('{"type": "FeatureCollection"', "is not valid JSON"),
     "e.json": ('{"a": 1}', "is JSON, but not GeoJSON"),
@@ -251,7 +251,7 @@ DAMAGED = {
     "g.json": ('{"type": "LineString", "coordinates": 7}', "a geometry without coordinates"),
     "h.json": ("[" * 100_000, "is not valid JSON"),
     "i.json": ('{"type": "Curve", "coordinates": []}', "has a geometry of type 'Curve'; use Polygon"),
-    "j.txt": ("$RecPath\n9\n1,2,3,4\n", "9 points are announced, but the file has fewer"),
+    "j.txt": ("$RecPath\n9\n1,2,3,4\n", "the file declares 9 points, but contains fewer"),
     "k.txt": ("$Boundary\nTrue\nmany\n", "line 3: 'many' is not a number of points"),
     "l.xml": ("<gml/>", "is XML of an unknown type; convert it to one of KML, GPX, GeoJSON"),
     "m.csv": ("lat,lon\n0,0\n1,1\n2,2\n", "extend over 222.6 km, more than 100 km; remove distant points"),

@@ -112,7 +112,7 @@ def test_edited_waypoint_file_gives_a_different_path(tmp_path):
 GOOD = "0,0\n10,0\n20,0\n"
 FAULTS = {
     "a word": (GOOD + "30,abc\n", "row 4: y is not a number: 'abc'; write a number, or remove the row"),
-    "two separators": ("0,0\n1;0\n", "row 2: it has semicolons or tabs; separate all columns"),
+    "two separators": ("0,0\n1;0\n", "row 2: the row has semicolons or tabs; separate all columns"),
     "not a number": (GOOD + "nan,0\n", "row 4: x is nan; use a finite number"),
     "infinite": (GOOD + "3,-inf\n", "row 4: y is -inf; use a finite number"),
     "a gap": (GOOD + "30,\n", "row 4: y is not a number: ''"),
@@ -121,24 +121,24 @@ FAULTS = {
     "only a header": ("x,y\n", "the file contains no positions; export it again"),
     "a height as y": (
         "0,0,1\n10,0,9\n20,0,9\n",
-        "the third column has no speeds, and another is constant; name the columns",
+        "the third column does not contain speeds and one of the first two is constant; name the columns",
     ),
     "standing still": ("0,0,1\n10,0,0\n20,0,1\n", "row 2: speed is 0 m/s; use a speed from 0.001 to 5"),
     "backwards": ("0,0,1\n10,0,-1\n20,0,1\n", "row 2: speed is -1 m/s; use a speed from 0.001 to 5"),
-    "one column": ("0\n1\n2\n", "row 1: it has 1 columns; write x, y or x, y, speed"),
-    "four columns": ("0,0,1,4\n1,1,1,4\n", "row 1: it has 4 columns; write x, y or x, y, speed"),
-    "ragged": ("0,0,1\n10,0\n20,0,1\n", "row 2: it has 2 columns, but others have 3; use the same number"),
+    "one column": ("0\n1\n2\n", "row 1: the row has 1 columns; write x, y or x, y, speed"),
+    "four columns": ("0,0,1,4\n1,1,1,4\n", "row 1: the row has 4 columns; write x, y or x, y, speed"),
+    "ragged": ("0,0,1\n10,0\n20,0,1\n", "row 2: the row has 2 columns, but other rows have 3; use the same number"),
     "a second header": (GOOD + "x,y\n", "row 4: x is not a number: 'x'"),
     "too many": (
         "".join(f"{k},0\n" for k in range(MAX_ROWS + 1)),
-        f"has {MAX_ROWS + 1} waypoints, and the limit is {MAX_ROWS}",
+        f"has {MAX_ROWS + 1} waypoints, but the limit is {MAX_ROWS}",
     ),
     "long": ("0,0\n90e3,0\n0,1\n", "km long, more than 50 km"),
-    "words": ("east-west,up\n0,0\n", "row 1: no columns x and y, or lat and lon; did you mean"),
-    "a column without a name": ("x,theta\n0,0\n", "row 1: no columns x and y, or lat and lon"),
+    "words": ("east-west,up\n0,0\n", "row 1: the file has no columns x and y, or lat and lon; did you mean"),
+    "a column without a name": ("x,theta\n0,0\n", "row 1: the file has no columns x and y, or lat and lon"),
     "degrees": ("52.3,6.72\n52.30002,6.72003\n52.30004,6.72\n", "if the numbers are degrees, name"),
     "swapped degrees": ("lat,lon\n106.7,52.3\n", "row 2: lat is 106.7, not an angle in degrees"),
-    "decimal commas": ("0,0,0,0\n5,5,0,1\n", "row 1: it has 4 columns"),
+    "decimal commas": ("0,0,0,0\n5,5,0,1\n", "row 1: the row has 4 columns"),
     "an endless cell": (GOOD + "30," + "1" * 200_000 + "\n", "field larger than field limit"),
     "creeping": ("0,0,1e-9\n10,0,1\n20,0,1\n", "row 1: speed is 1e-09 m/s; use a speed from 0.001 to 5"),
     "a number as programs write it": ("0,0\n1_0,0\n20,0\n", "row 2: x is not a number: '1_0'"),
@@ -174,7 +174,7 @@ def test_binary_waypoint_files_are_rejected(tmp_path):
     assert "nowhere.csv: no such file in " in rejection(tmp_path, "nowhere.csv")
     with (tmp_path / "huge.csv").open("wb") as file:
         file.truncate(MAX_BYTES + 1)
-    assert "huge.csv: the file has 2 MB, more than 2" in rejection(tmp_path, "huge.csv")
+    assert "huge.csv: the file has 2 MB, but the limit is 2" in rejection(tmp_path, "huge.csv")
     assert "path.file" in rejection(tmp_path, "a" * 5000)
 
 

@@ -42,7 +42,7 @@ def test_brake_holds_the_tractor_up_to_its_torque_limit_without_creep(share, dt,
     plant, start = parked(share * limit, dt)
     truths = [plant.advance(BRAKED) for _ in range(200)]
     if share > 1.0:
-        assert "its wheels roll" in capsys.readouterr().err
+        assert "the wheels roll" in capsys.readouterr().err
         return
     assert abs(truths[-1].x - start.x) < 2e-4
     assert np.std([truth.speed for truth in truths[-40:]]) < 1e-6
@@ -100,13 +100,13 @@ NO_BRAKE = {"driveline.torque_limit_n_m": 3000.0, "driveline.brake_torque_n_m": 
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        (NO_BRAKE, ("its wheels roll", "driveline.torque_limit_n_m (3000)", "driveline.brake_torque_n_m (0)")),
-        (WET | {"terrain.grade_deg": 18.0}, ("it slides", "18.0 deg", "plant.tyre")),
+        (NO_BRAKE, ("the wheels roll", "driveline.torque_limit_n_m (3000)", "driveline.brake_torque_n_m (0)")),
+        (WET | {"terrain.grade_deg": 18.0}, ("the tractor slides", "18.0 deg", "plant.tyre")),
         (
             {"terrain.grade_deg": 42.0, "terrain.direction_deg": 90.0},
             ("the tractor rolled over", "tractor.cg_height_m"),
         ),
-        (ROUGH | {"plant.settle_limit_s": 0.2, "plant.settle_s": 0.2}, ("it rocks", "plant.settle_limit_s")),
+        (ROUGH | {"plant.settle_limit_s": 0.2, "plant.settle_s": 0.2}, ("the tractor rocks", "plant.settle_limit_s")),
     ],
     ids=["rolls", "slides", "falls", "rocks"],
 )
@@ -126,7 +126,7 @@ def test_message_for_vibrating_braked_wheels_suggests_a_shorter_time_step(capsys
     scenario = braked_across("riding", 10, 90)
     Loop(scenario.changed({"physics_dt_s": 0.005}))
     told = capsys.readouterr().err
-    assert "it creeps" in told
+    assert "the tractor creeps" in told
     assert "a shorter step" in told
     Loop(scenario.changed({"physics_dt_s": 0.0025}))
     assert capsys.readouterr().err == ""

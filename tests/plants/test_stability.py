@@ -36,7 +36,7 @@ def limited(**overrides):
 )
 def test_numerically_unstable_tyre_parameter_is_rejected_with_its_limit(key, value, more):
     assert f"figure_eight: {key}: must be " in (said := limited(**{key: value}, **more))
-    assert f"got {value:g}, to be stable with this tractor and tyre at physics_dt_s = 0.002" in said
+    assert f"got {value:g}; otherwise this tractor and tyre would be unstable at physics_dt_s = 0.002" in said
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,7 @@ def refused(source="straight_line", **overrides):
         ("path.speed_m_s", 5.5, "path.speed_m_s"),
         ("driveline.full_speed_m_s", 0.1, "path.speed_m_s: must be at most driveline.full_speed_m_s (0.1), got"),
         ("tractor.rear_wheel_width_m", 50.0, "must be at most 2, got 50.0"),
-        ("tractor.rear_wheel_width_m", 1.5, "must be below track_m (1), or wheels overlap; got 1.5"),
+        ("tractor.rear_wheel_width_m", 1.5, "must be below track_m (1), otherwise the wheels overlap; got 1.5"),
         ("tractor.track_m", 0.01, "must be at least 0.3, got 0.01"),
         ("tractor.axle_pivot_limit_deg", 1000.0, "must be at most 45, got 1000.0"),
         ("tractor.hitch_behind_m", 1e9, "must be at most 10, got 1000000000.0"),
@@ -57,7 +57,7 @@ def test_soil_that_rebounds_within_a_time_step_is_rejected():
 
 def test_bend_too_sharp_for_the_tyre_grip_is_rejected():
     text = refused("circle", path__radius_m=3.0, path__speed_m_s=5.0)
-    assert "path.speed_m_s: 5 m/s in the sharpest bend (0.333 1/m) needs 8.3 m/s2 to the side" in text
+    assert "path.speed_m_s: 5 m/s in the sharpest bend (0.333 1/m) needs a lateral acceleration of 8.3 m/s2" in text
     assert load_scenario("circle", {"path.radius_m": 4.0, "path.speed_m_s": 5.0})
 
 
@@ -65,7 +65,10 @@ def test_bend_too_sharp_for_the_tyre_grip_is_rejected():
     ("window", "said"),
     [
         ({"start_s": 5.01, "end_s": 5.02}, "fault[0]: the window 5.01 to 5.02 s contains no tick of 0.05 s"),
-        ({"start_s": 10.0}, "fault[0].start_s: 10 s is not before the end of the run, 10 s"),
+        (
+            {"start_s": 10.0},
+            "fault[0].start_s: 10 s is not before the end of the run (10 s), so the fault has no effect",
+        ),
         ({"start_s": 9.95}, None),
         ({"start_s": 5.01, "end_s": 5.06}, None),
     ],
@@ -91,7 +94,10 @@ def test_run_command_prints_hints_on_stderr(monkeypatch, capsys, tmp_path):
     with pytest.raises(SystemExit) as leaving:
         cli.main()
     assert leaving.value.code == 0
-    assert capsys.readouterr().err == "circle: fault[0].start_s: 60 s is not before the end of the run, 1 s\n"
+    assert (
+        capsys.readouterr().err
+        == "circle: fault[0].start_s: 60 s is not before the end of the run (1 s), so the fault has no effect\n"
+    )
 
 
 SEEDS = ("--max-seeds", 2)

@@ -106,7 +106,7 @@ def test_path_leaving_the_terrain_gives_a_hint_with_position_and_time():
     given = {"path.length_m": 90.0, "terrain.half_size_m": 70.0, "path.heading_deg": 90.0, "duration_s": 80.0}
     (line,) = hints(load_scenario("straight_line", given))
     place = re.fullmatch(
-        r"path: the path leaves the ground at \(0, (\d+)\) m after (\d+) s, .* \(-70, -70\) to \(70, 70\) m; .*",
+        r"path: the path leaves the terrain at \(0, (\d+)\) m after (\d+) s; .* \(-70, -70\) to \(70, 70\) m; .*",
         line,
     )
     north, seconds = (float(text) for text in place.groups())
@@ -117,7 +117,7 @@ def test_path_leaving_the_terrain_gives_a_hint_with_position_and_time():
 def test_path_ending_at_the_edge_of_the_terrain_gives_a_hint():
     """A tractor that is ahead of its reference leaves the ground before the run ends."""
     given = {"path.length_m": 70.0, "terrain.half_size_m": 70.0, "duration_s": None}
-    assert "leaves the ground" in hints(load_scenario("straight_line", given))[0]
+    assert "leaves the terrain" in hints(load_scenario("straight_line", given))[0]
 
 
 def test_run_that_ends_before_its_path_leaves_the_terrain_has_no_hint():

@@ -152,7 +152,7 @@ assert "it is a key of kind = 'swamp'" in told(), told()
         (
             "from typing import Literal\nfrom agrobot_mj.core.spec import Spec\n"
             'class A(Spec):\n    """A."""\n    kind: Literal["a"] = "a"',
-            "own.py: register: A: the class belongs to no family; derive it from one of ",
+            "own.py: register: A: the class has no known base class; derive it from one of ",
         ),
         (
             "from typing import Literal\nfrom agrobot_mj.paths import Line\n"

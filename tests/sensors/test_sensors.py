@@ -191,7 +191,7 @@ def test_gnss_latency_delays_the_solution_by_whole_ticks(ticks):
 
 
 def test_gnss_latency_of_fractional_ticks_is_rejected():
-    with pytest.raises(ValidationError, match=r"latency_s(.|\n)*0.12 is not a whole number.*try 0.1"):
+    with pytest.raises(ValidationError, match=r"latency_s(.|\n)*0.12 is not a multiple.*try 0.1"):
         Gnss(latency_s=0.12)
 
 

@@ -165,7 +165,9 @@ class Chatty(Gyro):
 def test_component_report_without_a_number_per_column_is_rejected(answer):
     whole = scenario()
     loud = whole.sensors.model_copy(update={"gyro": Chatty(answer=answer)})
-    with pytest.raises(ScenarioError, match=r"the sensor \(gyro\): report must return 2 numbers, one per col"):
+    with pytest.raises(
+        ScenarioError, match=r"the sensor \(gyro\): the method report\(\) must return 2 numbers, one per col"
+    ):
         run(whole.model_copy(update={"sensors": loud}))
 
 

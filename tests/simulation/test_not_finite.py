@@ -170,7 +170,7 @@ def test_error_names_the_plugin_controller_with_a_non_finite_command(tmp_path):
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text("utf-8"))
     assert metrics["outcome"] == "diverged"
     assert "steer nan rad" in metrics["stop_reason"]
-    assert "returned by the controller (nan_steer)" in metrics["stop_reason"]
+    assert "of the controller (nan_steer) is not finite" in metrics["stop_reason"]
     assert pq.read_metadata(tmp_path / "out" / "signals.parquet").num_rows == 10
 
 

@@ -146,7 +146,7 @@ def test_folder_names_of_runs_with_special_characters_are_safe_and_unique(circle
         (["a: guidance.kind=lqg"], {}, "unknown kind 'lqg'"),
         (["a: terrain.kind=slope"], {}, "supports only flat ground"),
         ([], {"guidance": ["lqr", "stanly"]}, "did you mean 'stanley'"),
-        ([], {"seeds": 300_000}, "600000 runs are planned (2 laws, 1 plants, 300000 seeds), and the limit is 2000"),
+        ([], {"seeds": 300_000}, "600000 runs are planned (2 laws, 1 plants, 300000 seeds), but the limit is 2000"),
         ([], {"seeds": 3, "most": 5}, "add --max-runs 6"),
     ],
 )

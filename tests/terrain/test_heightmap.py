@@ -154,8 +154,8 @@ BAD = {
     "folder.npy": ("folder", "is a folder"),
     "empty.npy": (b"", "is empty"),
     "empty.asc": (b"", "is empty"),
-    "notes.txt": (b"hello", "unknown type '.txt'; convert it to one of .npy, .png, .asc"),
-    "bare": (b"hello", "unknown type ''"),
+    "notes.txt": (b"hello", "unknown file type '.txt'; convert the file to one of .npy, .png, .asc"),
+    "bare": (b"hello", "unknown file type ''"),
     "text.npy": (b"hello world, this is text", "cannot be read"),
     "short.npy": (saved(np.zeros((20, 20)))[:-9], "cannot be read"),
     "headless.npy": (saved(np.zeros((20, 20)))[:20], "cannot be read"),
@@ -173,7 +173,7 @@ BAD = {
     "row.npy": (saved(np.zeros((1, 9))), "has 1 x 9 nodes; at least 2 x 2"),
     "nothing.npy": (saved(np.zeros((0, 5))), ""),
     "huge.npy": (huge_header(), ""),
-    "large.npy": (saved(np.zeros((2100, 2001), dtype=np.uint8)), "has 2100 x 2001 nodes, more than 4200000"),
+    "large.npy": (saved(np.zeros((2100, 2001), dtype=np.uint8)), "has 2100 x 2001 nodes, but the limit is 4200000"),
     "wide.npy": (saved(np.zeros((2, 3))), "has 2 rows and 3 columns; set rectangular = true"),
     "negative.npy": (patched(saved(np.zeros((20, 20))), b"(20, 20)", b"(-2, 20)"), "cannot be read"),
     "text.png": (b"hello", "the file is not a PNG image"),
@@ -205,7 +205,7 @@ BAD = {
     "comma.asc": (asc(HILL).replace("0.5", "0,5").encode(), "use numbers with a decimal point"),
     "holes.asc": (asc([[-9999, 0, 0], [0, 0, 0], [0, -9999, 0]]).encode(), "has 2 missing values (NODATA); fill them"),
     "lost.asc": (asc(HILL).replace("0.5 ", "nan ").encode(), "has NaN at 1 nodes"),
-    "large.asc": (HEAD.replace("ncols 3", "ncols 3000000").encode(), "has 3 x 3000000 nodes, more than"),
+    "large.asc": (HEAD.replace("ncols 3", "ncols 3000000").encode(), "has 3 x 3000000 nodes, but the limit is"),
     "row.asc": (asc(HILL[:1], HEAD.replace("nrows 3", "nrows 1")).encode(), "has 1 x 3 nodes; at least 2 x 2"),
 }
 
@@ -234,7 +234,7 @@ def test_error_for_an_invalid_heightmap_names_the_file_and_a_remedy(tmp_path, na
 def test_heightmap_file_is_not_read_beyond_the_size_limit(tmp_path):
     with (tmp_path / "sparse.asc").open("wb") as stream:
         stream.truncate(MOST_BYTES + 1)
-    with pytest.raises(ValueError, match=r"^file: sparse\.asc: the file has 134 MB, more than 134 MB; crop"):
+    with pytest.raises(ValueError, match=r"^file: sparse\.asc: the file has 134 MB, but the limit is 134 MB; crop"):
         Heightmap(file=str(tmp_path / "sparse.asc")).ground()
 
 

@@ -171,7 +171,9 @@ def _rig(
     from agrobot_mj.extensions.fields.planner.rig import rig_of
 
     if overlap > MOST_OVERLAP * width:
-        raise ScenarioError(f"--overlap {overlap:g}: exceeds half of the width of {width:g} m; set a smaller overlap")
+        raise ScenarioError(
+            f"--overlap {overlap:g}: must be at most half of the width ({width:g} m); reduce the overlap"
+        )
     path: dict[str, Any] = {"transition": "none" if turn == "omega" else "clothoid", "speed_m_s": speed}
     if radius is not None:
         path["turn_radius_m"] = radius
@@ -189,7 +191,7 @@ def _frame(field: "Field", base: "Scenario", angle: float | None, along: str | N
     if along is None:
         return None if angle is None else SwathFrame(radians(angle))
     if angle is not None:
-        raise ScenarioError(f"--along {along}: --angle is also given; omit one of them")
+        raise ScenarioError(f"--along {along}: cannot be combined with --angle; omit one of them")
     return contour_frame(field.boundary, base.terrain.ground())
 
 
@@ -221,7 +223,8 @@ def _prices(given: list[str] | None) -> "Prices":
         except ValueError:
             raise ScenarioError(f"--price {text}: the number is missing; write --price input_ha=180") from None
         if name.strip() not in Prices._fields or not 0 <= found[name.strip()] < inf:
-            raise ScenarioError(f"--price {text}: give {', '.join(Prices._fields)}, each 0 or more")
+            known = ", ".join(Prices._fields)
+            raise ScenarioError(f"--price {text}: write NAME=VALUE with one of {known}, and a value of at least 0")
     return Prices(**found)
 
 

@@ -39,9 +39,9 @@ def crop_rows(plan: Plan, spacing: float | None, angle_deg: float | None) -> Cro
     """
     angle = plan.angle_deg if angle_deg is None else angle_deg
     if spacing is None and angle_deg is not None:
-        raise ScenarioError(f"--row-angle {angle_deg:g}: the spacing of the rows is missing; set --row-spacing")
+        raise ScenarioError(f"--row-angle {angle_deg:g}: the row spacing is missing; set --row-spacing")
     if spacing is not None and angle is None:
-        raise ScenarioError(f"--row-spacing {spacing:g}: the plan has no direction of swaths; set --row-angle")
+        raise ScenarioError(f"--row-spacing {spacing:g}: the plan has no swath direction; set --row-angle")
     return None if spacing is None or angle is None else CropRows(spacing, angle)
 
 

@@ -102,7 +102,7 @@ def drive(
             track = np.column_stack([log.column("x"), log.column("y")])
             write_coverage(folder, field, drove, content, track)
     if log.outcome == "aborted" and not quiet:
-        print(f"{scenario.name}: the same command with --resume continues the drive", file=sys.stderr)
+        print(f"{scenario.name}: to continue the drive, add --resume to the same command", file=sys.stderr)
     found = answer(log, folder, said, [content["summary"]])
     return found._replace(content={**found.content, "coverage": content})
 

@@ -97,7 +97,7 @@ def plan_of_legs(name: str, legs: tuple[Leg, ...], rig: FieldMachine, sections: 
         pieces += own
         pose = end_of(pose, own)
     if start is None:
-        raise ValueError("the plan has no legs")
+        raise ValueError("the plan has no legs; export its passes as lines")
     return Plan(name, rig.width, rig.behind, start, tuple(pieces), tuple(passes), rig.path.cusp_pause_s)
 
 
@@ -131,4 +131,4 @@ def _joined(pose: Pose, begin: Pose, number: int, rig: FieldMachine) -> tuple[Pi
     """Return the shortest connection from the end of a leg to the start of the next leg."""
     if found := connections(pose, begin, rig.bends, (*FORWARD, *REVERSING)):
         return found[0]
-    raise ValueError(f"leg {number}: the leg cannot be reached from the previous leg; add a turn")
+    raise ValueError(f"leg {number}: the machine cannot reach this leg from the previous leg; add a turn")

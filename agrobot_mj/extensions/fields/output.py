@@ -52,6 +52,6 @@ def plan_text(plan: Plan, field: Field, depth: float) -> tuple[str, dict[str, An
         f"{plan.name}: {numbers['area_m2'] / 1e4:.3g} ha, {numbers['laps']} laps, {swaths} swaths{direction}, "
         f"{plan.length / 1000:.2f} km, {100 * plan.working_length / plan.length:.0f} % of it working, "
         f"{ideal['overlapped_percent']:.1f} % overlapped and {ideal['missed_percent']:.1f} % missed by the plan; "
-        f"turns need {depth:.1f} m"
+        f"turns need a headland of {depth:.1f} m"
     )
     return text, numbers

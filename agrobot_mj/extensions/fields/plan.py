@@ -93,7 +93,7 @@ def _plan(found: Mapping[str, Any]) -> Plan:
     inf = float("inf")
     pieces = tuple(Piece(*(inf if value is None else float(value) for value in row)) for row in found["pieces"])
     if not any(piece.length > 0 for piece in pieces):
-        raise ValueError("the plan has no pieces")
+        raise ValueError("the plan is empty, because it has no path segments")
     passes = tuple(
         PlannedPass(
             one["part"], float(one["start"]), float(one["end"]), tuple((float(a), float(b)) for a, b in one["sections"])

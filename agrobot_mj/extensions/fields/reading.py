@@ -154,7 +154,7 @@ def _field(local: LocalShapes, name: str, notes: list[str]) -> Field:
 
 
 def _middle(field: Field, file: ShapeFile) -> LocalShapes | None:
-    """Return a plane with its origin at the middle of the boundary, or None if the origin is final.
+    """Return a local plane with its origin at the middle of the boundary, or None if the present origin is kept.
 
     The first plane of a file may be off-centre because of points and rings that are later omitted.
     """

@@ -52,7 +52,7 @@ def inner_polygons(points: Array, what: str) -> tuple[list[Polygon], list[str]]:
     parts, crossing, notes = _polygons(points, what)
     parts = [part for part in parts if part.area > SLIVER_M2]
     if not parts:
-        raise ValueError(f"the {what} encloses no area")
+        raise ValueError(f"the {what} does not enclose an area; check its coordinates")
     return parts, [*notes, *([f"{crossing}; all its parts are kept"] if crossing else [])]
 
 
@@ -63,7 +63,9 @@ def _polygons(points: Array, what: str) -> tuple[list[Polygon], str, list[str]]:
     if (far := outliers(points[kept])).size:
         for k in kept[far].tolist():
             away = float(np.hypot(*(points[k] - np.median(points, axis=0))))
-            notes.append(f"point {k + 1} of the {what} is omitted, {away:.0f} m away from the others")
+            notes.append(
+                f"point {k + 1} of the {what} is omitted, because it is {away:.0f} m away from the other points"
+            )
         kept = np.delete(kept, far)
     kept = _without_folds(points, kept, what, notes)
     if len(kept) < 3:
@@ -126,7 +128,8 @@ def _without_repeats(points: Array, what: str, notes: list[str]) -> Index:
         return kept
     found = _without_equal(points, kept)
     if repeated := len(kept) - len(found):
-        notes.append(f"{repeated} repeated {'point' if repeated == 1 else 'points'} of the {what} omitted")
+        noun, are = ("point", "is") if repeated == 1 else ("points", "are")
+        notes.append(f"{repeated} repeated {noun} of the {what} {are} omitted")
     return found
 
 
@@ -140,7 +143,9 @@ def _without_folds(points: Array, kept: Index, what: str, notes: list[str]) -> I
         if not len(folds):
             break
         k = int(folds[np.argmax(sides[folds])])
-        notes.append(f"point {kept[k] + 1} of the {what} is omitted; the {what} folds back over {sides[k]:.0f} m")
+        notes.append(
+            f"point {kept[k] + 1} of the {what} is omitted, because the {what} turns back over {sides[k]:.0f} m"
+        )
         kept = _without_equal(points, np.delete(kept, k))
     for k in np.flatnonzero((angles < SPIKE_DEG) & (sides > SPIKE_M))[:SHOWN].tolist():
         notes.append(
@@ -180,9 +185,11 @@ def without(boundary: Polygon, inner: Sequence[Polygon], what: str) -> tuple[Pol
         crossing += not boundary.covers(each)
         kept += polygons_of(boundary.intersection(each))
     if outside:
-        notes.append(f"{outside} {what}{'s' * (outside > 1)} outside the boundary omitted")
+        notes.append(
+            f"{outside} {what}{'s' * (outside > 1)} outside the boundary {'are' if outside > 1 else 'is'} omitted"
+        )
     if crossing:
-        notes.append(f"{crossing} {what}{'s' * (crossing > 1)} cut at the boundary")
+        notes.append(f"{crossing} {what}{'s' * (crossing > 1)} {'are' if crossing > 1 else 'is'} cut at the boundary")
     parts = polygons_of(boundary.difference(shapely.union_all(kept))) if kept else [boundary]
     if max((part.area for part in parts), default=0.0) < LEAST_M2:
         raise ValueError(f"the {what}s cover the whole field; check the file")

@@ -55,8 +55,8 @@ class Interrupted:
         rows.release()
 
     def ticks(self, sim: Simulation) -> Iterator[None]:
-        """Simulate from the loaded state, or from the start, to the end. Store the state periodically and at an
-        interruption."""
+        """Simulate from the loaded state, or from the start, to the end. Store the state periodically and when the run
+        is interrupted."""
         if self.state is None:
             sim.reset()
         else:

@@ -1,22 +1,22 @@
-"""Wall-clock schedule of the periodic exchange with an external program."""
+"""Wall-clock schedule of the cycles in which a link exchanges messages with an external program."""
 
 import time
 
 
 class Pace:
-    """Wall-clock schedule of periodic turns of an exchange, with timing statistics. It starts at the first turn."""
+    """Wall-clock schedule of the cycles of a link, with timing statistics. It starts at the first cycle."""
 
     LATE_S = 0.005
-    """Delay above which a turn of the exchange counts as late [s]."""
+    """Delay above which a cycle counts as late [s]."""
 
     def __init__(self, period: float) -> None:
         self.period, self.turns, self.late, self.worst, self.slipped = period, 0, 0, 0.0, 0.0
         self.next = time.perf_counter()
 
     def begin(self) -> float:
-        """Begin a turn of the exchange. Return its delay relative to the schedule [s].
+        """Begin a cycle. Return its delay relative to the schedule [s].
 
-        A delay above the duration of a turn shifts the schedule, because hosts cannot process positions in quick
+        A delay above the duration of a cycle shifts the schedule, because hosts cannot process positions in quick
         succession.
         """
         now = time.perf_counter()

@@ -1,7 +1,7 @@
 """Common parts of runs with external programs: compilation before the start, calls of observers, outcome.
 
-Observers usually receive the run at its end, because recording an exchange turn in real time takes longer than the
-turn. A live observer receives the rows during the run.
+Observers usually receive the run at its end, because recording a link cycle in real time takes longer than the cycle. A
+live observer receives the rows during the run.
 """
 
 from collections.abc import Callable

@@ -166,9 +166,9 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
     result = fit(data, (*_names(data), *sides), known)
     if not 1 / SLIPPED < (more := result.values["steer_scale"]) < SLIPPED:
         raise FieldLogError(
-            f"{angles[0].name}: slipping tyres would need {more:.2g} times the steering of a straight-line fit; "
-            "check that [steer] is the wheel angle, that the columns of [steer] and [yaw_rate] are not exchanged, "
-            "and that the wheel angle in bends exceeds the play"
+            f"{angles[0].name}: a model with tyre slip requires {more:.2g} times the steering angle of a straight-line "
+            "fit, which is not plausible; check that [steer] is the wheel angle, that the columns of [steer] and "
+            "[yaw_rate] are not swapped, and that the wheel angle in bends exceeds the steering play"
         )
     for part in ("steer", "heading", "position", "speed"):
         if abs(age := result.values.get(f"{part}_delay_s", 0.0)) > AT_THE_EDGE * PARAMETERS[f"{part}_delay_s"].high:

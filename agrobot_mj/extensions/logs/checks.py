@@ -32,7 +32,8 @@ def check_columns(kept: Sequence[FieldRecording]) -> None:
 
 
 def _check_rates(recordings: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` for a constant heading or yaw rate, a coarse speed, or infrequent positions or headings."""
+    """Raise `FieldLogError` if the heading or yaw rate is constant, the resolution of the speed is too low, or the
+    positions or headings are too infrequent."""
     name = recordings[0].name
     for part in ("heading", "yaw_rate"):
         values = [series.value for each in recordings if (series := getattr(each, part)) is not None]
@@ -47,7 +48,7 @@ def _check_rates(recordings: Sequence[FieldRecording]) -> None:
         if steps and (rate := 1.0 / float(np.median(np.concatenate(steps)))) < LEAST_HZ:
             raise FieldLogError(
                 f"{name}: the rate of [{part}] is {rate:.2g} Hz, but a fit needs {LEAST_HZ:g} Hz; log every "
-                f"value of the receiver, or remove [{part}] from the map if there is a gyro"
+                f"value of the receiver, or remove [{part}] from the map if the log has a gyro"
             )
 
 
@@ -113,7 +114,7 @@ def _check_turning(recordings: Sequence[FieldRecording]) -> None:
         key = "yaw_rate.positive" if source == "gyro" else "heading.convention"
         raise FieldLogError(
             f"{recordings[0].name}: the positions turn right where the {source} turns left; check whether the "
-            f"columns of [position] for east and north are exchanged, else change {key} in the map"
+            f"east and north columns of [position] are swapped; otherwise change {key} in the map"
         )
 
 

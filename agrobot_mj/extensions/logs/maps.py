@@ -195,7 +195,7 @@ class LogMap(Spec):
         if self.steer is None and self.valve is None:
             raise ValueError("steer: is missing; add [steer] for the wheel angle or [valve] for the voltage")
         if self.yaw_rate is None and self.heading is None and self.position is None:
-            raise ValueError("yaw_rate: no measured channel is specified; add [yaw_rate], [heading] or [position]")
+            raise ValueError("yaw_rate: the map has no measured motion; add [yaw_rate], [heading] or [position]")
         named = dict[str, str]()
         for key, column in _named(self):
             if (other := named.setdefault(column, key)) != key:

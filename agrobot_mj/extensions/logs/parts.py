@@ -158,7 +158,7 @@ def driven(job: Job) -> Finding:
     found = replay(sources, log_map, scenario, **options)
     found = found._replace(metrics={"identity": job.identity("by"), **found.metrics})
     stopped = [
-        f"{recording.name}: the plant stops at {driven.t[-1]:.2f} s: {driven.outcome}"
+        f"{recording.name}: the simulation of the plant ended at {driven.t[-1]:.2f} s: {driven.outcome}"
         for recording, driven in found.pieces
         if driven.outcome != "completed"
     ]
@@ -172,9 +172,9 @@ def valve(job: Job) -> Finding:
     """Identify the steering valve from a run."""
     run = job.logs[0]
     if len(job.logs) > 1:
-        raise ScenarioError("--only valve: the valve is fitted to one run; specify a single run")
+        raise ScenarioError("--only valve: the valve is fitted to one run; specify only one folder")
     if not run.is_dir():
-        raise ScenarioError(f"--only valve: {run} is not the folder of a run; specify one")
+        raise ScenarioError(f"--only valve: {run} is not a folder; specify the folder of a run")
     signals, scenario = run / "signals.parquet", job.scenario
     if not signals.is_file():
         raise ScenarioError(f"{run}: the folder has no signals.parquet; specify the folder of a run")
@@ -242,5 +242,5 @@ def chosen_parts(names: Sequence[str]) -> dict[str, LogPart]:
     """Return the parts with the given names. Without names, return the default analysis. Raises `ScenarioError`."""
     if unknown := next((name for name in names if name not in PARTS), None):
         near = suggestion(unknown, list(PARTS))
-        raise ScenarioError(f"--only {unknown}: unknown{near} (known: {', '.join(PARTS)})")
+        raise ScenarioError(f"--only {unknown}: unknown part{near} (known: {', '.join(PARTS)})")
     return {name: PARTS[name] for name in names} or WHOLE

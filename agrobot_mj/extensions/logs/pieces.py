@@ -56,11 +56,11 @@ def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float 
         spans = list(_between(out, *bounds, min(SHORTEST_S, bounds[1] - bounds[0])))
         kept += [whole.between(*span) for span in spans]
         notes.append(_note(whole, bounds, spans, out))
-        notes += [f"{recording.name}: omitted {each}" for each in recording.left_out]
+        notes += [f"{recording.name}: {each} are omitted" for each in recording.left_out]
         if found.reverse_m:
             notes.append(
-                f"{recording.name}: the speed has no sign; according to {found.how}, {found.reverse_m:.1f} m are in "
-                "reverse; if this is wrong, set speed.signed = true"
+                f"{recording.name}: the speed has no sign; according to {found.how}, {found.reverse_m:.1f} m were "
+                "driven in reverse; if this is wrong, set speed.signed = true"
             )
         if found.mounting is not None and abs(degrees(found.mounting)) > TURNED_DEG:
             notes.append(f"{recording.name}: the heading is {degrees(found.mounting):+.0f} deg off the course")
@@ -157,7 +157,7 @@ def _note(
 ) -> str:
     """Return a text about used and omitted time of a recording."""
     kept, whole = sum(b - a for a, b in spans), bounds[1] - bounds[0]
-    text = f"{recording.name}: {kept:.0f} of {whole:.0f} s kept"
+    text = f"{recording.name}: {kept:.0f} of {whole:.0f} s are used"
     if spans and len(spans) < 7:
         text += f" ({', '.join(f'{a:.1f}-{b:.1f}' for a, b in spans)} s)"
     elif spans:

@@ -88,7 +88,7 @@ class FieldRecording(NamedTuple):
         if last - first < 1.0:
             raise FieldLogError(
                 f"{self.name}: the log has less than one second between {start:g} and {end:g} s; it ends at "
-                f"{self.end:.1f} s; check time.unit of the map"
+                f"{self.end:.1f} s; check time.unit in the column map"
             )
         return first, last
 
@@ -199,7 +199,9 @@ class _Reader(NamedTuple):
         known = read[np.isfinite(read)]
         turns_over = len(known) > 1 and np.abs(np.diff(known)).max() > 6.0 and np.ptp(known) <= 2 * pi
         if c.unit == "deg" and turns_over:
-            raise FieldLogError(f"{self.name}: {c.column!r} wraps by 2 pi, as angles in radians do; set heading.unit")
+            raise FieldLogError(
+                f"{self.name}: {c.column!r} wraps by 2 pi, which indicates radians; set heading.unit in the map"
+            )
         angle = ANGLES[c.unit] * (read - c.offset)
         if c.quality:
             angle[~self.good[c.quality]] = np.nan
@@ -208,7 +210,7 @@ class _Reader(NamedTuple):
         found = fresh(series)
         repeated = (np.abs(np.interp(series.t, *speed)) > LEAST_SPEED) & ~np.isin(series.t, found.t)
         if repeated.mean() > MOST_REPEATED:
-            self.left_out.append(f"{repeated.sum()} repeated values of {c.column!r} (slow or coarse sensor)")
+            self.left_out.append(f"{repeated.sum()} repeated values of {c.column!r} (from a slow or coarse sensor)")
         steady = turned_headings(found)
         if jumps := len(found.t) - len(steady.t):
             self.left_out.append(f"{jumps} values of {c.column!r} that jump or are next to a jump")
@@ -221,13 +223,17 @@ class _Reader(NamedTuple):
         if c.quality:
             good &= self.good[c.quality]
         if good.sum() < FEWEST:
-            what = f"with {c.quality!r} in {list(c.accepted)}; see position.accepted" if c.quality else "in them"
-            raise FieldLogError(f"{self.name}: {first!r} and {second!r} have {good.sum()} positions {what}")
+            what = f" with {c.quality!r} in {list(c.accepted)}" if c.quality else ""
+            fix = "check position.accepted" if c.quality else "specify other columns, or omit [position]"
+            raise FieldLogError(
+                f"{self.name}: {first!r} and {second!r} contain {good.sum()} positions{what}, but at least "
+                f"{FEWEST} are required; {fix}"
+            )
         a, b = a[good], b[good]
         if c.latitude:
             if np.abs(a).max() > 90 or np.abs(b).max() > 360:
                 raise FieldLogError(
-                    f"{self.name}: {first!r} and {second!r} are not in degrees; use the keys of east and north"
+                    f"{self.name}: {first!r} and {second!r} are not in degrees; use the keys `east` and `north`"
                 )
             origin = Origin(
                 float(a[0]) if c.origin_lat_deg is None else c.origin_lat_deg,

@@ -20,7 +20,8 @@ from agrobot_mj.extensions.logs.series import TimeSeries, scatter
 
 AGES_S = np.arange(-0.5, 1.5, 0.02)  # Evaluated latencies of the yaw rate relative to the steering [s]
 LEAST_EXPLAINED = 0.5
-"""Minimum fraction of the angle variance that a valid regression explains [-]. Assumed value: sensors give > 0.9."""
+"""Minimum fraction of the angle variance that a valid regression explains [-]. Assumed value; working sensors give more
+than 0.9."""
 LEAST_SAMPLES = 50  # Minimum number of yaw-rate samples for a regression
 OUTLIER = 3.0  # Distance from the line above which a sample is an outlier [robust standard deviations]
 SIDES_DIFFER, SURELY = 0.05, 4.0
@@ -82,7 +83,10 @@ def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughS
     """Regress the wheel angle without slip on the raw sensor value. Raises `FieldLogError` for a poor fit."""
     found, name = turning(pieces, wheelbase), pieces[0].name
     if found is None or len(found.angle) < LEAST_SAMPLES:
-        raise FieldLogError(f"{name}: too few values of yaw rate, heading or position in motion; add one to the map")
+        raise FieldLogError(
+            f"{name}: the log has too few values of yaw rate, heading or position in motion; add a column to the map, "
+            "or use a longer log"
+        )
     best = line_of(found)
     if best.explained < LEAST_EXPLAINED:
         share, noisy = 100 * max(best.explained, 0.0), ""
@@ -91,7 +95,7 @@ def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughS
             noisy = f", or add a heading or a gyro, because the positions scatter by {noise:.2g} cm"
         raise FieldLogError(
             f"{name}: a straight-line fit to the steering measurements explains {share:.0f} % of the yaw rate; check "
-            f"that [steer] is the wheel angle and that the log has bends to both sides{noisy}"
+            f"that [steer] is the wheel angle and that the log has bends in both directions{noisy}"
         )
     return two_sided(found, best)
 

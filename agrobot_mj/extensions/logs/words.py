@@ -80,7 +80,7 @@ def _centre(c: Calibration, tractor: TractorParameters) -> Iterator[str]:
         left = tan(off) * LOOKAHEAD_M**2 / (2 * tractor.wheelbase_m) - LOOKAHEAD_M * sin(turned)
         yield (
             f"The steering centre is about {centre.text}{_unit(c)}, but the map has {given:g}. The wheels point "
-            f"{abs(degrees(off)):.1f} deg further to the {_side(off)} than the map says, so that pure pursuit with a "
+            f"{abs(degrees(off)):.1f} deg further to the {_side(off)} than in the map, so that pure pursuit with a "
             f"look-ahead distance of {LOOKAHEAD_M:g} m drives {abs(100 * left):.0f} cm to the {_side(left)} of its line"
             f"{' (with the heading error)' if turned else ''}."
         )
@@ -90,11 +90,13 @@ def _scale(c: Calibration, tractor: TractorParameters) -> Iterator[str]:
     scale, given = c.found["steer.scale"], c.steer
     told = given.model_fields_set
     if c.positive != given.positive:
-        rather = f", but the map says to the {given.positive}" if "positive" in told else ""
+        rather = f", but the map has {given.positive}" if "positive" in told else ""
         mirrored = c.pieces.kept[0].yaw_rate_source == "course"
         unless = []
         if mirrored:
-            unless.append("[position] exchanges east and north, which only a gyro or a heading can show")
+            unless.append(
+                "the east and north columns of [position] are swapped, which only a gyro or a heading can show"
+            )
         if not c.pieces.signed:
             unless.append("most of the drive was in reverse, since [speed] has no sign")
         yield (
@@ -156,7 +158,7 @@ def advice(recordings: Sequence[FieldRecording], missing: Collection[str]) -> li
         if fast < FAST_M_S:
             found.append(
                 f"The cornering stiffness requires a higher speed than the {fast:.1f} m/s of this drive: drive for two "
-                f"minutes at {FAST_M_S:g} m/s or more, as fast as is safe, with bends to both sides."
+                f"minutes at {FAST_M_S:g} m/s or more, as fast as is safe, with bends in both directions."
             )
         elif (quick := float(np.percentile(np.abs(rate), 95))) < QUICK_DEG_S:
             found.append(
@@ -171,10 +173,10 @@ def advice(recordings: Sequence[FieldRecording], missing: Collection[str]) -> li
     if "speed.delay_s" in missing and fast < TWO_SPEEDS * slow:
         found.append("The delay of the speed requires changes of the speed: brake and accelerate a few times.")
     elif any(key.endswith(".delay_s") for key in missing):
-        found.append("Delays require bends and changes of the speed: weave to both sides, slowly and fast.")
+        found.append("Delays require bends and changes of the speed: steer to both sides, slowly and fast.")
     if any(key in ("position.ahead_m", "position.left_m") for key in missing):
         sides = [float(np.mean(side * bend > TIGHT)) for side in (1, -1)]
-        where = "tight circles to both sides" if min(sides) < 0.05 else "tight circles at two speeds"
+        where = "tight circles in both directions" if min(sides) < 0.05 else "tight circles at two speeds"
         found.append(f"The antenna position requires {where}; otherwise measure it with a tape.")
     return found
 
@@ -254,7 +256,7 @@ def doubts(found: ReplayResult, tractor: TractorParameters, scaled: bool = False
             yield (
                 f"The yaw rate of the plant minus that of the recorded heading is {degrees(rate['bias']):+.2f} deg/s "
                 f"on average. A heading has no bias, so the wheels are probably {abs(off):.1f} deg further to the "
-                f"{side} than the map says: check whether the steering sensor has moved (steer.offset)"
+                f"{side} than in the map: check whether the steering sensor has moved (steer.offset)"
             )
     if not (rate := m["yaw_rate"]) or rate["explained"] is None:
         return

@@ -29,9 +29,9 @@ def play(
     no_rrd: NoRrd = False,
     quiet: Quiet = False,
 ) -> Answer:
-    """Drive the tractor in a browser, by hand or by a law.
+    """Drive the tractor in a browser, manually or under a guidance law.
 
-    Ctrl-C ends. Each drive is saved as a run; `agrobot-mj run` on its scenario repeats it.
+    Press Ctrl-C to end. Each drive is saved as a run; `agrobot-mj run` on its scenario repeats it.
     """
     from agrobot_mj.extensions.play.play import PlayOptions
     from agrobot_mj.extensions.play.play import play as drive
@@ -50,7 +50,7 @@ def play(
 
     def ready(url: str) -> None:
         waiting.close()
-        tell(f"drive at {url}, end with Ctrl-C")
+        tell(f"open {url} to drive; press Ctrl-C to end")
         if not no_browser:
             webbrowser.open(url)
 

@@ -42,7 +42,9 @@ def _fault_states(state: Snapshot, scenario: Scenario, now: float) -> tuple[obje
         if ours is not None and theirs is not None and _same_past(ours, theirs, now):
             states[k] = kept[k]
         elif any(fault is not None and fault.start_s < now for fault in (ours, theirs)):
-            raise CommandError(f"continued: fault[{k}]: must not change the time before {now:g} s; start it later")
+            raise CommandError(
+                f"continued: fault[{k}]: the change must not affect the time before {now:g} s; set a later start_s"
+            )
     return tuple(states)
 
 

@@ -67,7 +67,7 @@ class PlayDriver:
         self.speed = 0.0
 
     def set_angle(self, angle: float) -> None:
-        """Return control to the driver, and hold a steering angle [rad]."""
+        """Switch from the guidance law to the driver, and hold a steering angle [rad]."""
         self.take_over()
         self.angle, self.centring = angle, False
 

@@ -86,7 +86,9 @@ def _row(row: Sequence[str], place: str) -> tuple[int, PlayInput]:
     except ValueError:
         raise ValueError(f"{place}: must be four numbers ({', '.join(HEADER)}), got {','.join(row)!r}") from None
     if whole < 0 or one.law < 0 or not isfinite(one.steer) or not (isfinite(one.speed) or not speed):
-        raise ValueError(f"{place}: tick and law must not be negative, numbers must be finite; got {','.join(row)!r}")
+        raise ValueError(
+            f"{place}: tick and law must not be negative, and all numbers must be finite; got {','.join(row)!r}"
+        )
     if not speed and not one.law:
         raise ValueError(f"{place}: speed_m_s is missing for the driver; specify a number, 0 for standstill")
     return whole, one

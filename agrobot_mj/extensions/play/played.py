@@ -91,7 +91,7 @@ class Played(GuidanceLaw):
                 raise ValueError(f"inputs.file: {error}") from None
             if highest > len(self.laws):
                 raise ValueError(
-                    f"laws: inputs use law {highest}, but only {len(self.laws)} are listed; add the others"
+                    f"laws: the inputs use law {highest}, but only {len(self.laws)} are listed; add the missing laws"
                 )
 
     def using(self, controller: YawController) -> "Played":

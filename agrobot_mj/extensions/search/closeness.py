@@ -58,7 +58,7 @@ class Closeness:
             return _Ticks(view, log).close(ast.parse(self.until.strip(), mode="eval").body)
         if self.signal not in log.rows.columns:
             known = ", ".join(log.rows.columns)
-            raise ScenarioError(f"--score {self.signal}: there is no such signal in these runs (known: {known})")
+            raise ScenarioError(f"--score {self.signal}: these runs do not have this signal (known: {known})")
         return _magnitude(view.column(self.signal))
 
 
@@ -130,7 +130,7 @@ class _Ticks:
         if source is None:
             firsts = ", ".join(f"{first}..." for first in SIGNALS)
             raise ScenarioError(
-                f"--until: no signal is known for {name} (only for {firsts}); specify a signal with --score"
+                f"--until: the signal of the metric {name} is unknown (known for {firsts}); specify it with --score"
             )
         size = _magnitude(source(self.view))
         values = _over(size, name, self.planned)

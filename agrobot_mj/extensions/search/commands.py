@@ -43,11 +43,11 @@ def limit(
         list[str] | None,
         typer.Option(metavar="KIND,KIND", help="Guidance laws; repeatable. Default: the law of the scenario."),
     ] = None,
-    max_seeds: Annotated[int, typer.Option(min=1, help="Maximum seeds per value; the last two use at least 12.")] = 12,
+    max_seeds: Annotated[int, typer.Option(min=1, help="Maximum seeds per value; at least 12 for the last two.")] = 12,
     reliability: Annotated[float, typer.Option(callback=finite, help="Fraction of runs that must succeed.")] = 0.8,
     confidence: Annotated[float, typer.Option(callback=finite, help="Confidence of the result.")] = 0.8,
     tolerance: Annotated[
-        float | None, typer.Option(callback=finite, help="Final bracket width. Default: range / 50.")
+        float | None, typer.Option(callback=finite, help="Width of the final interval. Default: range / 50.")
     ] = None,
     beside: Annotated[
         list[str] | None,

@@ -48,7 +48,7 @@ class _Lines:
     def next(self) -> str:
         """Return the next line and advance. Raise ValueError at the end of the file."""
         if self.at >= len(self.lines):
-            raise ValueError("the file ends in the middle of a list of points; export it again")
+            raise ValueError("the file ends within a list of points; export the file again")
         self.at += 1
         return self.lines[self.at - 1]
 
@@ -76,7 +76,9 @@ class _Lines:
         width)."""
         count = self.count()
         if count > len(self.lines) - self.at:
-            raise ValueError(f"line {self.at}: {count} points are announced, but the file has fewer; export it again")
+            raise ValueError(
+                f"line {self.at}: the file declares {count} points, but contains fewer; export the file again"
+            )
         return np.array([self.numbers(width) for _ in range(count)]).reshape(count, width)
 
 
@@ -103,7 +105,7 @@ def read_agopengps(text: str) -> ShapeFile:
     while lines and lines.peek() not in HEADS:
         lines.next()
     if not lines:
-        raise ValueError(f"the file has no shapes of an AgOpenGPS field; choose one with {', '.join(HEADS)}")
+        raise ValueError(f"the file has no shapes of an AgOpenGPS field; choose a file with {', '.join(HEADS)}")
     lines.head = lines.next()
     readers = {"track": _tracks, "tram": _tram, "headlines": _headlines, "recorded": _recorded}
     shapes = tuple(readers.get(HEADS[lines.head], _rings)(lines))

@@ -29,14 +29,14 @@ def cleaned(points: Array, closed: bool = False) -> tuple[Index, list[str]]:
     """
     notes, kept = list[str](), distinct(points)
     if repeated := len(points) - len(kept):
-        notes.append(f"{repeated} repeated {'point' if repeated == 1 else 'points'} omitted")
+        notes.append(f"{repeated} repeated {'point is' if repeated == 1 else 'points are'} omitted")
     if turns := len(_turning_back(points[kept])):
         for distance in THINNINGS_M:
             thin = kept[thinned(points[kept], distance, closed)]
             if not len(_turning_back(points[thin])):
                 notes.append(
-                    f"the track is thinned to {distance:g} m between points, from {len(kept)} to {len(thin)} points, "
-                    f"because it turns back at {turns} points, as noise does at standstill"
+                    f"the track is reduced from {len(kept)} to {len(thin)} points, {distance:g} m apart, because it "
+                    f"turns back at {turns} points, which indicates noise at standstill"
                 )
                 return thin, notes
     return kept, notes

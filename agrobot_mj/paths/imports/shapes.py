@@ -22,8 +22,8 @@ class Polyline:
     role: str = ""  # Role of the shape in its file: boundary, hole, obstacle, headland, track, tram or other
     name: str = ""
     columns: Mapping[str, Array] = field(default_factory=dict)
-    """Additional quantities per point by name, each of shape (n,): speed [m/s], working [-], direction [-], table
-    row."""
+    """Additional values per point by column name, each of shape (n,): speed [m/s], whether the implement works (0 or
+    1), driving direction (1 forward, -1 reverse), row of the table."""
     properties: Mapping[str, Any] = field(default_factory=dict)
 
 

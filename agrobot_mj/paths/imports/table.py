@@ -79,9 +79,11 @@ def read_table(text: str) -> ShapeFile:
     found = np.array([k for k, row in read if row])
     values = np.array([row for _, row in read if row]).reshape(len(found), len(columns))
     if omitted := len(read) - len(found):
-        notes = (*notes, f"{omitted} {'row' if omitted == 1 else 'rows'} without a position omitted")
+        rows_are = "row without a position is" if omitted == 1 else "rows without a position are"
+        notes = (*notes, f"{omitted} {rows_are} omitted")
     if not titles and len(columns) == 3 and not _is_speed(values):
-        columns, values, notes = columns[:2], values[:, :2], (*notes, "the third column has no speeds and is ignored")
+        columns, values = columns[:2], values[:, :2]
+        notes = (*notes, "the third column does not contain speeds and is ignored")
     names = [column.name for column in columns]
     if "speed" in names and (empty := np.isnan(speeds := values[:, names.index("speed")])).any():
         if empty.all():
@@ -125,7 +127,10 @@ def _is_speed(values: Array) -> bool:
     if 2 * speeds >= len(third) and not (heading and min(turned) < NEAR_RAD):
         return True
     if len(points) and np.ptp(points, axis=0).min() == 0 < np.ptp(third):
-        raise ValueError("the third column has no speeds, and another is constant; name the columns in the first row")
+        raise ValueError(
+            "the columns cannot be recognised, because the third column does not contain speeds and one of the first "
+            "two is constant; name the columns in the first row"
+        )
     return False
 
 
@@ -144,7 +149,7 @@ def _rows(lines: list[str], first: int) -> Iterator[tuple[int, list[str]]]:
             continue
         split = split or _separator(line)
         if split in ", " and any(mark in line for mark in ";\t"):
-            raise ValueError(f"row {number}: it has semicolons or tabs; separate all columns in the same way")
+            raise ValueError(f"row {number}: the row has semicolons or tabs; separate all columns in the same way")
         yield number, _cells(line if split == "," else line.replace(",", "."), split)
 
 
@@ -168,17 +173,21 @@ def _named(number: int, cells: list[str]) -> tuple[list[TableColumn], tuple[str,
     for pair, other in ((("x", "y"), ("lat", "lon")), (("lat", "lon"), ("x", "y"))):
         if set(pair) <= columns.keys():
             unused += [cells[columns.pop(name).place] for name in other if name in columns]
-            left = f"column{'s' * (len(unused) > 1)} {', '.join(unused)} ignored"
+            noun, are = ("columns", "are") if len(unused) > 1 else ("column", "is")
+            left = f"{noun} {', '.join(unused)} {are} ignored"
             return [columns.pop(name) for name in pair] + list(columns.values()), (left,) if unused else ()
     near = next((found for cell in unused if (found := suggestion(cell, [*KNOWN]))), "")
     shown = ", ".join(cells[:12])
-    raise ValueError(f"row {number}: no columns x and y, or lat and lon{near} (available: {shown}); rename some")
+    missing = "the file has no columns x and y, or lat and lon"
+    raise ValueError(f"row {number}: {missing}{near} (available: {shown}); rename the columns")
 
 
 def _positional(number: int, cells: list[str]) -> list[TableColumn]:
     if len(cells) not in (2, 3):
         fix = "write x, y or x, y, speed, or name them in the first row"
-        raise ValueError(f"row {number}: it has {len(cells)} columns; {fix}{f'; {DECIMALS}' * _split_decimals(cells)}")
+        raise ValueError(
+            f"row {number}: the row has {len(cells)} columns; {fix}{f'; {DECIMALS}' * _split_decimals(cells)}"
+        )
     return [TableColumn(name, k) for k, name in enumerate(("x", "y", "speed")[: len(cells)])]
 
 
@@ -198,8 +207,8 @@ def _is_number(cell: str) -> bool:
 def _numbers(number: int, cells: list[str], columns: list[TableColumn], width: int) -> list[float]:
     """Return the values of a row in the order of `columns`, or an empty list for a row without a position."""
     if len(cells) < width or any(cells[width:]):
-        fix = DECIMALS if len(cells) == 2 * width and _split_decimals(cells) else "use the same number"
-        raise ValueError(f"row {number}: it has {len(cells)} columns, but others have {width}; {fix}")
+        fix = DECIMALS if len(cells) == 2 * width and _split_decimals(cells) else "use the same number in all rows"
+        raise ValueError(f"row {number}: the row has {len(cells)} columns, but other rows have {width}; {fix}")
     if not any(cells[place] for _, place, _ in columns[:2]):
         return []
     values = []

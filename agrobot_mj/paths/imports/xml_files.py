@@ -15,7 +15,7 @@ def parsed_xml(text: str) -> ElementTree.Element:
         root = ElementTree.fromstring(text.encode())
     except (ElementTree.ParseError, ValueError) as error:
         line = getattr(error, "position", (0,))[0]
-        raise ValueError(f"the file is damaged XML (line {line}); export it again") from None
+        raise ValueError(f"the file is not valid XML (line {line}); export it again") from None
     for element in root.iter():
         if isinstance(element.tag, str):
             element.tag = element.tag.rpartition("}")[2]

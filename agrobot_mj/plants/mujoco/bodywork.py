@@ -112,7 +112,8 @@ def bodies(t: TractorParameters) -> dict[str, list[Panel]]:
 
 
 def _size_axle(spec: mujoco.MjSpec, t: TractorParameters, top: float) -> None:
-    """Set the sizes of axle beam, axle post, steering arm and kingpins; `top` is the upper limit of the post [m]."""
+    """Set the sizes of the axle beam, axle post, steering arm and kingpins; `top` is the upper limit of the post
+    [m]."""
     r, half = t.front_wheel_radius_m, t.track_m / 2
     k = r / COMPACT.front_wheel_radius_m
     beam, post, arm = (spec.geom(name) for name in ("axle_beam", "axle_post", "steering_arm"))

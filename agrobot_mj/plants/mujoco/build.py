@@ -90,7 +90,7 @@ def _check(model: mujoco.MjModel, data: mujoco.MjData, found: tuple[Sprung, ...]
         if not whole < LIMIT:
             alone = [_largest(mobility, weight) for weight in weights]
             limit = _limit(sprung.parts[int(np.argmax(alone))], LIMIT / whole)
-            raise ValueError(f"{limit}, to be stable with {what} at physics_dt_s = {dt:g}")
+            raise ValueError(f"{limit}; otherwise {what} would be unstable at physics_dt_s = {dt:g}")
 
 
 def _limit(part: Part, share: float) -> str:

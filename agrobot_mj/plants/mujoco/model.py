@@ -98,9 +98,11 @@ def _own(machine: Machine) -> mujoco.MjSpec:
         joint = spec.joint(name)
         stops = np.asarray(joint.range) if joint.compiler.degree else np.degrees(joint.range)
         if stops[0] < stops[1] and np.abs(stops).min() < sharpest:
-            needs = f"needs {sharpest:.1f} deg at the inner wheel; widen the range of the joint, or lower the limit"
-            at = f"joint {name!r} of the body stops at {np.abs(stops).min():.1f} deg"
-            raise ValueError(f"tractor.steer_limit_deg: {at}, {tractor.steer_limit_deg:g} {needs}")
+            raise ValueError(
+                f"tractor.steer_limit_deg: a limit of {tractor.steer_limit_deg:g} deg turns the inner wheel by "
+                f"{sharpest:.1f} deg, but the joint {name!r} of the body stops at {np.abs(stops).min():.1f} deg; widen "
+                "the range of the joint, or reduce the limit"
+            )
     return spec
 
 

@@ -77,7 +77,8 @@ def _checked(short: str, found: dict[str, float], springs: dict[str, float]) -> 
         return TractorParameters.model_validate(found | springs)
     except ValidationError as error:
         lines = [
-            f"it gives {'.'.join(map(str, e['loc']))}, which {fault(e)}" for e in map(dict[str, Any], error.errors())
+            f"the body gives {'.'.join(map(str, e['loc']))}, which {fault(e)}"
+            for e in map(dict[str, Any], error.errors())
         ]
         raise ValueError("\n".join(f"{short}: {line}" for line in lines)) from None
 

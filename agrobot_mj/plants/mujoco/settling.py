@@ -160,12 +160,13 @@ def start_warning(found: Settled, settled_s: float, machine: Machine, ground: Gr
     else:
         rise = east * cos(found.truth.yaw) + north * sin(found.truth.yaw)
         how = _motion(found, machine, where, atan(rise))
-    return f"plant.settle_limit_s: {told}: {how}; the run starts in this state"
+    return f"plant.settle_limit_s: {told}: {how}. The run starts in this state"
 
 
 def _motion(found: Settled, machine: Machine, where: str, along: float) -> str:
     if found.recent.drift < TRAVELLING * found.recent.greatest:
-        return f"it rocks or sinks on its tyres {where}; increase plant.settle_limit_s or tractor.*_tyre_damping_n_s_m"
+        how = f"the tractor rocks or sinks on its tyres {where}"
+        return f"{how}; increase plant.settle_limit_s or tractor.*_tyre_damping_n_s_m"
     turning = abs(found.truth.wheel_speed) > ROLLING * found.recent.drift
     rolls = _rolling(found, machine, where, along) if turning else ""
     return rolls or _held(found.recent.drift, float(found.wheels[:, FRICTION_USE].max()), where)
@@ -176,7 +177,7 @@ def _held(drift: float, used: float, where: str) -> str:
     how = "slides" if drift > SLIDING else "creeps"
     shorter = "" if used > GRIPPING else "a shorter step (physics or physics_dt_s), "
     return (
-        f"it {how} {where} with its rear wheels held, at {100 * used:.0f} % of the tyres' grip; "
+        f"the tractor {how} {where} with locked rear wheels, at {100 * used:.0f} % of the tyres' grip; "
         f"use {shorter}gentler ground (terrain) or other tyres (plant.tyre)"
     )
 
@@ -193,6 +194,6 @@ def _rolling(found: Settled, machine: Machine, where: str, along: float) -> str:
         return ""
     drive = f"driveline.torque_limit_n_m ({strength.torque:.0f})" if driveline.connected else "driveline.connected (no)"
     return (
-        f"its wheels roll {where} because drive and brake cannot hold them: {found.mass:.0f} kg need {needed:.0f} N "
+        f"the wheels roll {where} because drive and brake cannot hold them: {found.mass:.0f} kg need {needed:.0f} N "
         f"m, which is above {drive} and driveline.brake_torque_n_m ({strength.brake:.0f}); increase one of them"
     )

@@ -221,9 +221,7 @@ def _tabs(file: Path, layout: dict[str, Any]) -> tuple[str, dict[str, str]]:
         container = parts.get("ContainerBlueprint", {})
         if container.get("container_kind") == "Tabs":
             return place, {_name(layout[child]): child for child in container["contents"]}
-    raise SnapshotError(
-        f"{file}: the recording has no tabs; use a recording by agrobot-mj of a run that was not stopped immediately"
-    )
+    raise SnapshotError(f"{file}: the recording has no tabs; use an agrobot-mj recording of a run of at least one tick")
 
 
 def _views(layout: dict[str, Any]) -> dict[str, str]:
@@ -246,7 +244,9 @@ def _viewer(file: Path, patience: int, size: tuple[int, int]) -> Iterator[Viewer
             yield _connected(process, port, patience * START_S)
         except (RuntimeError, ConnectionError, TimeoutError) as error:
             if _lacks_driver(process):
-                raise SnapshotError(f"{file}: no images: the Rerun viewer finds no Vulkan driver; {REMEDY}") from None
+                raise SnapshotError(
+                    f"{file}: no images: the Rerun viewer cannot find a Vulkan driver; {REMEDY}"
+                ) from None
             raise _LateError(str(error)) from None
 
 

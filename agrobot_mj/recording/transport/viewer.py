@@ -17,7 +17,8 @@ from agrobot_mj.core.interrupts import held_back
 
 
 def _launched() -> tuple[str, ...]:
-    """Return the command that starts Rerun. On Linux it is the binary itself, which can end with its parent process."""
+    """Return the command that starts Rerun. On Linux it starts the binary directly, so that the system can end the
+    binary together with its parent process."""
     spec = find_spec("rerun_cli")
     program = Path(spec.origin).with_name("rerun") if spec and spec.origin else None
     if sys.platform.startswith("linux") and program and program.is_file() and "RERUN_CLI_PATH" not in os.environ:
@@ -43,7 +44,7 @@ def serve(file: Path) -> int:
     """Serve a recording to browsers on this computer until interrupted. Return the exit status of the server."""
     port, web = free_port(), free_port()
     data = quote(f"rerun+http://127.0.0.1:{port}/proxy", safe="")
-    print(f"http://127.0.0.1:{web}?url={data}&theme=dark (Ctrl-C ends it)", flush=True)
+    print(f"http://127.0.0.1:{web}?url={data}&theme=dark (press Ctrl-C to end)", flush=True)
     ports = ("--port", str(port), "--web-viewer-port", str(web))
     command = (*RERUN, "--web-viewer", "--bind", "127.0.0.1", *ports, str(file))
     with started(command, {**os.environ, "RUST_LOG": "error"}) as process:

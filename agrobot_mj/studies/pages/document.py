@@ -21,7 +21,7 @@ COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PINK, SKY_BLUE, DARK_GREY, "#000000")
 """Colours of run groups in charts, in group order."""
 Chart = dict[str, Any]
 CATEGORIES: dict[str, Any] = {"type": "category", "autorange": "reversed", "automargin": True, "dtick": 1}
-"""Layout of a chart axis with names: all names are visible, the first name is on top, and the width fits the names."""
+"""Layout of a category axis: all names are visible, the first name is on top, and the margin fits the names."""
 MOST_ROWS, ROW_PX, AROUND_PX = 8, 24, 150
 """Chart heights: maximum number of names at standard height [-], height per further name and of margins [pixels]."""
 INK, GRID, SHADE, SOFT = "#1b1b1b", "#e5e5e5", "#dddddd", "#999999"

@@ -162,7 +162,7 @@ class SweepPlan:
         """Raise `ScenarioError` if the number of runs exceeds `max_runs`."""
         if self.total > max_runs:
             raise ScenarioError(
-                f"{self.sweep.name}: the sweep has {self.total:,} runs ({self.parts}), and the limit is {max_runs:,}; "
+                f"{self.sweep.name}: the sweep has {self.total:,} runs ({self.parts}), but the limit is {max_runs:,}; "
                 f"use fewer values, draw samples instead, or set --max-runs {self.total}"
             )
 
@@ -191,7 +191,7 @@ class SweepPlan:
 
 
 class _Checker:
-    """Check of single runs. Results for a repeated tractor, field or path are cached."""
+    """Check of individual runs. Results for a repeated tractor, field or path are cached."""
 
     def __init__(self, base: Scenario) -> None:
         self.base, self.tractors, self.places = base, dict[object, list[str]](), dict[object, list[str]]()

@@ -73,9 +73,7 @@ def test_crop_rows_without_a_known_direction_or_spacing_are_rejected():
     unknown = SimpleNamespace(angle_deg=None)
     assert crop_rows(PLAN, None, None) is None
     assert crop_rows(unknown, 0.5, 30.0) == CropRows(0.5, 30.0)
-    with pytest.raises(
-        ScenarioError, match=r"--row-spacing 0\.5: the plan has no direction of swaths; set --row-angle"
-    ):
+    with pytest.raises(ScenarioError, match=r"--row-spacing 0\.5: the plan has no swath direction; set --row-angle"):
         crop_rows(unknown, 0.5, None)
-    with pytest.raises(ScenarioError, match="--row-angle 30: the spacing of the rows is missing; set --row-spacing"):
+    with pytest.raises(ScenarioError, match="--row-angle 30: the row spacing is missing; set --row-spacing"):
         crop_rows(PLAN, None, 30.0)

@@ -21,8 +21,8 @@ BOW = [(0, 0), (100, 100), (100, 0), (0, 60)]
 LOOP = [(0, 0), (200, 0), (200, 100), (203, 103), (203, 100), (190, 105), (0, 100)]
 """Rings that cross themselves: one encloses two large areas, the other has a loop of 3 m2 at a corner."""
 REPAIRED = {
-    "repeated points": (metres(np.repeat(RING, 2, axis=0)), 45_400, "5 repeated points of the boundary omitted"),
-    "a point 1 km off": (metres([*RING, (200, 1200)]), 45_400, "point 6 of the boundary is omitted, 1"),
+    "repeated points": (metres(np.repeat(RING, 2, axis=0)), 45_400, "5 repeated points of the boundary are omitted"),
+    "a point 1 km off": (metres([*RING, (200, 1200)]), 45_400, "point 6 of the boundary is omitted, because it is 1"),
     "a loop": (
         metres(LOOP),
         20_506.4,
@@ -36,7 +36,7 @@ REPAIRED = {
     "a line out and back": (
         metres([*RING, (-150, 900)]),
         45_400,
-        "point 6 of the boundary is omitted; the boundary folds back over",
+        "point 6 of the boundary is omitted, because the boundary turns back over",
     ),
     "a spike": (
         metres([*RING[:2], (900, -20), *RING[2:]]),
@@ -57,9 +57,13 @@ REPAIRED = {
     "a hole outside": (
         geojson(feature(degrees(RING), degrees(HOLE + [500, 0]))),
         45_400,
-        "1 hole outside the boundary omitted",
+        "1 hole outside the boundary is omitted",
     ),
-    "a hole across": (geojson(feature(degrees(RING), degrees(HOLE + [140, 0]))), 45_250, "1 hole cut at the boundary"),
+    "a hole across": (
+        geojson(feature(degrees(RING), degrees(HOLE + [140, 0]))),
+        45_250,
+        "1 hole is cut at the boundary",
+    ),
     "a far origin": (
         metres(RING + [5_000_000, 60_000]),
         45_400,
@@ -148,7 +152,7 @@ HOSTILE = {
     ),
     "a hole around": (geojson(feature(degrees(RING), degrees(2 * RING))).encode(), "the holes cover the whole field"),
     "decimal commas": (b"lat,lon\n52,31,6,72\n52,31,6,73\n", "write decimal points instead of decimal commas"),
-    "six columns": (b"1,2.5,3,4,5,6\n2,2.5,3,4,5,6\n", "it has 6 columns; write x, y or x, y, speed"),
+    "six columns": (b"1,2.5,3,4,5,6\n2,2.5,3,4,5,6\n", "the row has 6 columns; write x, y or x, y, speed"),
     "decimal commas without names": (b"52,31,6,72\n52,31,6,73\n", "write decimal points instead of decimal commas"),
     "decimal commas in KML": (
         b"<kml><Placemark><LineString><coordinates>6,72,52,31 6,73,52,31</coordinates></LineString></Placemark></kml>",
@@ -171,7 +175,7 @@ HOSTILE = {
         "extend over",
     ),
     "nested": (b"[" * 200_000, "is not valid JSON"),
-    "entities": (b'<!DOCTYPE a [<!ENTITY b "c">]><kml>&d;</kml>', "is damaged XML"),
+    "entities": (b'<!DOCTYPE a [<!ENTITY b "c">]><kml>&d;</kml>', "is not valid XML"),
     "null geometry": (
         b'{"type": "FeatureCollection", "features": [{"type": "Feature", "geometry": null}]}',
         "no boundary",

@@ -154,7 +154,7 @@ def test_headland_lap_too_narrow_for_the_turn_radius_is_rejected():
 
 
 def test_turn_radius_below_the_minimum_of_the_machine_is_rejected():
-    with pytest.raises(ScenarioError, match="--radius 1: machine compact needs at least"):
+    with pytest.raises(ScenarioError, match="--radius 1: the machine compact has a minimum radius of"):
         machine(turn_radius_m=1.0)
 
 

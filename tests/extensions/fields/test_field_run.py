@@ -183,12 +183,12 @@ def test_report_of_a_field_run_begins_with_the_coverage(driven):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--radius", "1"], "--radius 1: machine compact needs at least 1.58 m"),
+        (["--radius", "1"], "--radius 1: the machine compact has a minimum radius of 1.58 m"),
         (["--width", "30"], "--width 30: the field is too narrow"),
         (["--machine", "nobody"], "machine"),
-        (["--overlap", "2"], "--overlap 2: exceeds half of the width"),
+        (["--overlap", "2"], "--overlap 2: must be at most half of the width"),
         (["--set", "tractor.mass=1"], "tractor.mass"),
-        (["--set", "path.kind=line"], 'path.kind: "line": the field determines the path'),
+        (["--set", "path.kind=line"], 'path.kind: "line" has no effect, because the field determines the path'),
         (["--angle", "1e300"], "'--angle'"),
     ],
 )
@@ -214,7 +214,8 @@ def test_error_for_an_invalid_plan_file_names_the_file(call, tmp_path):
     status, _, err = call("field", "run", str(boundary(tmp_path)), "--plan", str(tmp_path / "plan.json"))
     assert status == 2
     assert err.startswith(
-        "--plan plan.json: the plan has no pieces; create the plan again with `agrobot-mj field plan`"
+        "--plan plan.json: the plan is empty, because it has no path segments; create the plan again with "
+        "`agrobot-mj field plan`"
     )
 
 

@@ -23,7 +23,7 @@ def test_field_show_prints_area_corners_and_repairs(call, file, tmp_path):
     first, corners, problem, picture = out.splitlines()
     assert first == "home: 0.6 ha, perimeter 489 m"
     assert corners == "5 sharp corners of up to 148 deg at (100.0, 100.0) m"
-    assert problem == "problem: 1 repeated point of the boundary omitted"
+    assert problem == "problem: 1 repeated point of the boundary is omitted"
     assert picture == "found/map.png"
     assert (tmp_path / "found" / "map.png").read_bytes().startswith(b"\x89PNG")
 
@@ -69,5 +69,5 @@ def test_blank_field_file_name_is_rejected(call, file, arguments):
 def test_incomplete_price_is_rejected_before_planning(call, file):
     assert call("field", "run", file, "--price", "seed=3")[::2] == (
         2,
-        "--price seed=3: give input_ha, yield_ha, hour, each 0 or more\n",
+        "--price seed=3: write NAME=VALUE with one of input_ha, yield_ha, hour, and a value of at least 0\n",
     )

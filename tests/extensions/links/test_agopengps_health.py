@@ -73,7 +73,7 @@ def test_host_that_never_engages_does_not_end_the_run():
 def test_run_ends_as_latched_if_a_lost_host_returns_engaged():
     done, said = driven(Gap(guide(), 4.0, 7.5), 14.0)
     (back,) = (line for line in said if "is back" in line)
-    assert back.endswith("the host is back, but the board is latched; switch its button off and on")
+    assert back.endswith("the host is back, but the board is latched; switch its autosteer button off and on")
     assert done.log.outcome == done.log.metrics["outcome"] == "latched"
     latched = done.log.metrics["link"]["latched_s"]
     assert latched == pytest.approx(14.0 - float(back.split()[0]), abs=0.11)
@@ -116,7 +116,7 @@ class Bridge:
 @pytest.mark.parametrize(("host", "named"), [("agopengps", "AgIO answers"), ("agopenweb", "AgOpenWeb answers")])
 def test_error_after_waiting_for_a_host_states_if_hellos_were_received(host, named):
     said = []
-    with pytest.raises(NoHostError, match=rf"{named} \(5 hellos\), .* does not; open it with its simulator off"):
+    with pytest.raises(NoHostError, match=rf"{named} \(5 hellos\), .* does not; open .* and switch its simulator off"):
         run_link(scenario(1.0, guidance__host=host), Bridge(), LinkOptions(wait_s=8.0, notify=said.append))
     assert len(said) == 1
     assert named in said[0]
@@ -240,7 +240,7 @@ def test_slow_or_lossy_link_to_the_host_is_reported():
     well = {"answered_fraction": 0.97, "latched_s": 0.0, "real_time_factor": 0.99}
     assert health(well) == []
     (slow,) = health(well | {"real_time_factor": 0.42})
-    assert slow.startswith("the run was slow, 0.42 x real time")
+    assert slow.startswith("the run was slow (0.42 x real time)")
     (deaf,) = health(well | {"answered_fraction": 0.61})
     assert deaf.startswith("the host answered only 61% of the positions")
     assert deaf.endswith("or use --pace 0.5")
@@ -320,7 +320,7 @@ def test_check_reports_rate_wheelbase_antenna_and_missing_signals():
     used = scenario(20.0, path__start_offset_m=1.0, tractor__wheelbase_m=1.7, **PLACE)
     log = run_link(used, Direct(guide()), LinkOptions()).log
     rate, latency, wheelbase, _, antenna, *missing = check_lines(used, log, log.metrics["link"])
-    assert "100% of the positions answered" in rate
+    assert "100% of the positions were answered" in rate
     assert latency.startswith("latency: median")
     found = float(wheelbase.partition("; ")[2].split()[0])
     assert wheelbase.startswith("wheelbase: 1.7 m; ")

@@ -329,7 +329,7 @@ def test_missing_opengl_message_names_the_setting():
     surroundings = {"MUJOCO_GL": "glfw", "DISPLAY": "", "WAYLAND_DISPLAY": ""}
     done = python(DRAW, **surroundings)
     assert done.returncode == 1
-    assert "no display: MuJoCo finds no OpenGL for rendering" in done.stderr
+    assert "no display: MuJoCo cannot find an OpenGL library for rendering" in done.stderr
     assert "MUJOCO_GL=egl" in done.stderr
 
 

@@ -148,10 +148,10 @@ def test_error_for_a_missing_extra_gives_the_install_command(log, tmp_path, monk
     ("column", "values", "words"),
     [
         ("x_hat_of_nothing", None, ""),
-        ("yaw", lambda n: ["x"] * n, "'yaw' holds"),
+        ("yaw", lambda n: ["x"] * n, "'yaw' contains"),
         ("yaw", lambda n: [1e12] * n, "'yaw' is 1e.12 in row 1"),
         ("t", lambda n: pa.array(range(n), pa.timestamp("ms")), ""),
-        ("t", lambda n: pa.nulls(n, pa.float64()), "'t' has no number in row 1"),
+        ("t", lambda n: pa.nulls(n, pa.float64()), "'t' is not a number in row 1"),
         ("gnss_quality", lambda n: pa.nulls(n, pa.float64()), ""),
         ("t", lambda n: [None] * n, "'t' is empty in every row"),
         ("gnss_quality", lambda n: [None] * n, ""),

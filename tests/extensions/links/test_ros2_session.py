@@ -133,7 +133,7 @@ def test_non_finite_commands_are_counted_and_reported_once(bad):
     log, _ = driven(lambda _: bad if next(ticks) % 3 == 2 else (1.0, 0.0), options, **{"duration_s": 0.6})
     assert log.outcome == "completed"
     assert log.metrics["ros2"]["refused"] >= 3
-    assert len([text for text in told if "non-finite velocity on /cmd_vel is ignored" in text]) == 1
+    assert len([text for text in told if "non-finite velocities on /cmd_vel are ignored" in text]) == 1
     assert (log.column("cmd_speed") == 1.0).all()
 
 

@@ -44,12 +44,12 @@ def test_columns_of_every_numeric_type_are_read_as_floats_with_nan(write):
 @pytest.mark.parametrize(
     ("values", "told"),
     [
-        (["3.5 deg"] * 100, "'bad' holds text .* remove that row or specify another column"),
-        (["3.5"] * 100, r"'bad' holds text \('3.5' in row 1\)"),
-        (["3.5", *["-1e3"] * 97, "lost", "2"], r"'bad' holds text \('lost' in row 99\)"),
-        (["", *[" .5 "] * 98, "inf"], r"'bad' holds text \('inf' in row 100\)"),
-        (["3,5"] * 100, "'bad' holds decimal commas"),
-        ([[1.0, 2.0]] * 100, "'bad' holds list"),
+        (["3.5 deg"] * 100, "'bad' contains text .* remove that row or specify another column"),
+        (["3.5"] * 100, r"'bad' contains text \('3.5' in row 1\)"),
+        (["3.5", *["-1e3"] * 97, "lost", "2"], r"'bad' contains text \('lost' in row 99\)"),
+        (["", *[" .5 "] * 98, "inf"], r"'bad' contains text \('inf' in row 100\)"),
+        (["3,5"] * 100, "'bad' contains decimal commas"),
+        ([[1.0, 2.0]] * 100, "'bad' contains list"),
         ([None] * 100, "'bad' is empty in every row"),
     ],
 )
@@ -78,7 +78,7 @@ def test_error_for_a_missing_column_names_the_key_and_a_similar_column(write):
         (T[::-1], "decreases at row 2; sort"),
         (np.concatenate([T[:2], T[1:]]), "does not increase at row 3; sort"),
         (np.floor(T), "repeats each time in 20 rows; export more digits"),
-        (np.where(T[7] == T, np.nan, T), "no number in row 8"),
+        (np.where(T[7] == T, np.nan, T), "is not a number in row 8"),
         (1000 * T, 'indicates milliseconds; set time.unit, e.g. "ms"'),
         (T[:1], "has 1 rows"),
     ],
@@ -92,7 +92,7 @@ def test_log_with_100_million_rows_is_rejected_before_reading(write, monkeypatch
     file = write(t=T)
     monkeypatch.setattr(fieldlog, "MOST_ROWS", 99)
     monkeypatch.setattr(pq, "read_table", lambda *a, **k: pytest.fail("was read"))
-    with pytest.raises(FieldLogError, match="has 100 rows, more than 99"):
+    with pytest.raises(FieldLogError, match="has 100 rows, but the limit is 99"):
         read_columns(file, ["t"])
 
 
@@ -166,9 +166,9 @@ def test_csv_header_in_a_windows_code_page_is_read(tmp_path):
         (b"", "has no header line"),
         (b"t,v\n1,2\n3\n", "cannot be read as CSV"),
         (b"t,v,v\n1,2,3\n", "more than one column 'v'"),
-        (b"t,v\n1,two\n", "'v' holds text"),
+        (b"t,v\n1,two\n", "'v' contains text"),
         (b"\xff\xfet\x00", "control characters; export the file as CSV in UTF-8"),
-        (b"t,v\r1,2\r3,4\r", "the lines end with a carriage return only"),
+        (b"t,v\r1,2\r3,4\r", "the lines end with CR only"),
     ],
 )
 def test_unreadable_csv_is_rejected(tmp_path, content, told):

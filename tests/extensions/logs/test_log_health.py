@@ -86,7 +86,7 @@ def test_replay_reports_the_offset_of_the_steering_centre(reverse):
     found = replay([pa.table(columns)], field_map(columns, steer=steer), BICYCLE)
     (told,) = [line for line in doubts(found, BICYCLE.tractor) if "whether the steering sensor has moved" in line]
     assert float(told.split("wheels are probably ")[1].split()[0]) == pytest.approx(20 * SCALE, abs=0.3)
-    assert "deg further to the right than the map says" in told
+    assert "deg further to the right than in the map" in told
     right = replay([pa.table(columns)], field_map(columns, steer=steer | {"offset": 432}), BICYCLE)
     assert not any("whether the steering sensor has moved" in line for line in doubts(right, BICYCLE.tractor))
 

@@ -96,7 +96,7 @@ def test_log_at_standstill_is_reported():
     _, columns, log_map = shunt()
     with pytest.raises(
         FieldLogError,
-        match=r"0 of 3 s kept; omitted: standstill .* use a log with more time in "
+        match=r"0 of 3 s are used; omitted: standstill .* use a log with more time in "
         r"motion",
     ):
         pieces([read(columns, log_map)], 0.0, 3.0)
@@ -142,7 +142,7 @@ def test_comparison_with_the_heading_rejects_swapped_position_axes():
     with pytest.raises(
         FieldLogError,
         match=r"positions turn right where the heading turns left; check whether the "
-        r"columns of",
+        r"east and north columns of",
     ):
         check_columns(pieces([read(columns | {"x": columns["y"], "y": columns["x"]}, log_map)]).kept)
 
@@ -151,7 +151,7 @@ def test_log_without_positions_is_not_divided():
     _, columns, log_map = shunt()
     found = pieces([read(columns, log_map.model_copy(update={"position": None}))], 5.0, 65.0)
     assert [(each.start, each.end) for each in found.kept] == [pytest.approx((5.0, 65.0))]
-    assert "60 of 60 s kept" in found.notes[0]
+    assert "60 of 60 s are used" in found.notes[0]
     assert len(found.notes) == 1
     check_columns(found.kept)
 
@@ -172,7 +172,7 @@ def left_out(columns, log_map):
     """Return the remaining log and the omitted positions."""
     found = pieces([read(columns, log_map)])
     told = [note for note in found.notes if "positions that jump" in note]
-    return found, int(told[0].split("omitted ")[1].split()[0]) if told else 0
+    return found, int(told[0].split(": ")[1].split()[0]) if told else 0
 
 
 @pytest.mark.parametrize("heading", [True, False])

@@ -144,7 +144,7 @@ def test_fast_feasible_motion_is_not_an_outlier(values):
 def test_heading_in_radians_mapped_as_degrees_is_detected_by_wrapping(zero):
     turning = (YAW - zero) % (2 * pi) + zero
     assert np.ptp(turning) > 6.0
-    with pytest.raises(FieldLogError, match=r"'h' wraps by 2 pi, as angles in radians do; set heading.unit"):
+    with pytest.raises(FieldLogError, match=r"'h' wraps by 2 pi, which indicates radians; set heading.unit"):
         read({"h": turning}, heading={"column": "h"})
     read({"h": np.degrees(turning)}, heading={"column": "h"})
     read({"h": turning}, heading={"column": "h", "unit": "rad"})

@@ -251,13 +251,13 @@ def test_course_of_positions_is_used_without_gyro_and_heading(driven):
             "map.toml: position.latitude: specify either latitude and longitude, or east and north",
         ),
         ("[speed]", "[speed", "map.toml: not valid TOML"),
-        ('column = "kmh"', 'column = "km"', "log.csv: no column 'km' (speed.column); did you mean 'kmh'"),
-        ('column = "kmh"', 'column = "note"', "log.csv: 'note' holds text"),
+        ('column = "kmh"', 'column = "km"', "log.csv: there is no column 'km' (speed.column); did you mean 'kmh'"),
+        ('column = "kmh"', 'column = "note"', "log.csv: 'note' contains text"),
         ('unit = "km/h"', 'unit = "kn"', None),
         ('unit = "ms"', 'unit = "s"', "log.csv: 'ms' has steps of 50 s, which indicates milliseconds; set time.unit"),
         ('unit = "km/h"', "scale = 100.0", "'kmh' reaches"),
         ('positive = "right"\noffset', 'unit = "rad"\noffset', "check steer.unit of the map"),
-        ('quality = "fix"', 'quality = "fix"\naccepted = [7]', "have 0 positions with 'fix' in [7]"),
+        ('quality = "fix"', 'quality = "fix"\naccepted = [7]', "contain 0 positions with 'fix' in [7]"),
     ],
 )
 def test_replay_command_reports_errors(driven, tmp_path, call, old, new, told):
@@ -279,7 +279,7 @@ def test_replay_of_invalid_columns_gives_exit_status_2(driven, tmp_path, call):
         ({"ms": still}, "'ms' is constant"),
         ({"ms": 1e3 * driven.column("t")[::-1]}, "'ms' decreases"),
         ({"kmh": still}, "'kmh' never reaches"),
-        ({"angle": ["x"] * n}, "'angle' holds text"),
+        ({"angle": ["x"] * n}, "'angle' contains text"),
         ({"angle": [None] * n}, "'angle' is empty in every row"),
     ):
         as_csv(driven, tmp_path / "log.csv", **changes)

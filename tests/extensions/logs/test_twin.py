@@ -138,7 +138,7 @@ def test_true_parameters_are_inside_their_intervals(made):
     assert len(misses) <= 1, misses
     assert found["held_out"]["yaw_rate"]["explained"] > 0.97
     assert found["held_out"]["position"]["windows_rms"] < 0.04
-    assert "m are in reverse" in out
+    assert "m were driven in reverse" in out
     assert "assumed wheelbase of 1.4 m (default)" in out
     assert "No scenario.toml" not in out
 
@@ -205,7 +205,7 @@ def test_effect_of_a_wrong_steering_centre_is_given_in_centimetres(one, tmp_path
     assert status == 0, err
     assert f"but the map has {given['offset'] + 15:g}." in out
     side = "left" if h.scale > 0 else "right"
-    assert f"The wheels point {15 * abs(h.scale):.1f} deg further to the {side} than the map says" in out
+    assert f"The wheels point {15 * abs(h.scale):.1f} deg further to the {side} than in the map" in out
 
 
 def test_twin_command_calibrates_and_replays_and_prints_json(one, tmp_path, call):
@@ -232,7 +232,7 @@ def test_report_command_names_the_existing_report_of_a_twin(call, tmp_path):
 def test_unknown_part_for_the_twin_command_is_reported(call):
     status, _, err = call("twin", "log.csv", "--only", "calibrat")
     assert status == 2
-    assert err.startswith("--only calibrat: unknown; did you mean 'calibrate'")
+    assert err.startswith("--only calibrat: unknown part; did you mean 'calibrate'")
 
 
 def test_latency_outside_the_search_range_is_rejected(one):

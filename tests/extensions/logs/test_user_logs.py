@@ -28,7 +28,7 @@ def test_log_with_randomly_repeated_headings_is_calibrated(share):
         columns[name] = np.where(slow, columns[name], np.nan)
     done = calibrate([pa.table(columns)], field_map(columns), UTILITY)
     found = done.found
-    note = f"log: omitted {repeated[1:].sum()} repeated values of 'heading' (slow or coarse sensor)"
+    note = f"log: {repeated[1:].sum()} repeated values of 'heading' (from a slow or coarse sensor) are omitted"
     assert note in done.pieces.notes
     assert not found["steer.scale"].excludes(1.0)
     assert abs(found["steer.offset"].value) < 0.1
@@ -46,7 +46,7 @@ def test_noisy_positions_do_not_reverse_the_direction_of_travel(speed, noise_m, 
 
 def test_rejection_names_inaccurate_positions_without_heading_as_reason():
     columns = field_log(path(duration=40.0), every=10, noise_m=0.26, heading=False)
-    told = "that the log has bends to both sides, or add a heading or a gyro, because the positions scatter by 2"
+    told = "that the log has bends in both directions, or add a heading or a gyro, because the positions scatter by 2"
     with pytest.raises(FieldLogError, match=told):
         calibrate([pa.table(columns)], field_map(columns), UTILITY)
     better = field_log(path(duration=40.0), every=10, noise_m=0.02, heading=False)

@@ -65,7 +65,7 @@ def test_duration_of_a_continued_run_may_be_reduced(sim):
         ({"path.radius_m": 12.0}, "path must not change"),
         ({"guidance.kind": "lqr"}, "guidance.kind must not change"),
         ({"duration_s": 1.0}, "must not be before the present time, 2 s"),
-        ({"fault": []}, r"fault\[0\]: must not change the time before"),
+        ({"fault": []}, r"fault\[0\]: the change must not affect the time before"),
     ],
 )
 def test_change_of_faults_before_the_present_tick_is_rejected(sim, keys, message):
@@ -74,7 +74,7 @@ def test_change_of_faults_before_the_present_tick_is_rejected(sim, keys, message
 
 
 def test_new_fault_that_starts_before_the_next_tick_is_rejected(sim):
-    with pytest.raises(CommandError, match=r"fault\[1\]: must not change the time before"):
+    with pytest.raises(CommandError, match=r"fault\[1\]: the change must not affect the time before"):
         continued(sim.save(), with_faults(sim, {**JUMP, "start_s": 2.0}))
-    with pytest.raises(CommandError, match=r"fault\[0\]: must not change the time before"):
+    with pytest.raises(CommandError, match=r"fault\[0\]: the change must not affect the time before"):
         continued(sim.save(), with_faults(sim, end_s=1.5))

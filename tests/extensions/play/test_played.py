@@ -45,7 +45,7 @@ def test_each_row_of_the_input_table_applies_until_the_next_row():
         (LINE + "0,0,inf,1\n", "numbers must be finite"),
         (LINE + "-1,0,0,1\n", "must not be negative"),
         (LINE + "0,0,0.1,\n", "speed_m_s is missing for the driver"),
-        (LINE + "0,2,0,\n", "laws: inputs use law 2, but only 1 are listed"),
+        (LINE + "0,2,0,\n", "laws: the inputs use law 2, but only 1 are listed"),
         ("", "is empty"),
     ],
 )

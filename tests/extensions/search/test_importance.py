@@ -111,7 +111,7 @@ def test_results_unusable_for_importance_are_reported(plan, tmp_path, monkeypatc
     import sys
 
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
-    with pytest.raises(ScenarioError, match="has no results of a sweep"):
+    with pytest.raises(ScenarioError, match="specify the results folder of a sweep"):
         importance(tmp_path)
     short = written(plan(4), tmp_path / "short", left_out=3)
     with pytest.raises(ScenarioError, match="3 of 40 runs are missing"):

@@ -256,7 +256,7 @@ def test_impossible_tractors_are_reported_before_any_run(plan):
     (stiff, *where) = faults(
         plan, 'base = "figure_eight"\n[axes]\n"tractor.rear_tyre_damping_n_s_m" = [2e3, 1e6]\n"path.radius_m" = [9, 10]'
     )
-    assert "to be stable with this tractor and tyre at physics_dt_s" in stiff
+    assert "otherwise this tractor and tyre would be unstable at physics_dt_s" in stiff
     assert len(where) == 2
     (light,) = faults(
         plan, 'base = "figure_eight"\nseeds = 3\n[set]\nfault = [{ kind = "payload", mass_kg = -690, start_s = 1.0 }]'

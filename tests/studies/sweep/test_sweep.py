@@ -280,7 +280,7 @@ def test_failed_run_is_recorded_and_worker_processes_load_plugins(tmp_path):
     assert rows[1]["error"] == "RuntimeError: no such thing (nasty.py, line 17)"
     assert "process died" in rows[2]["error"]
     assert "of which 2 did not end as expected" in out
-    assert without_progress(err) == "2 runs raised an error, listed in column error\n"
+    assert without_progress(err) == "2 runs raised an error; see the column `error` of sweep.parquet\n"
     (tmp_path / "nasty.py").write_text(PLUGIN + "# changed\n")
     again = processes.command(tmp_path, "sweep", "mine.toml", "--plugin", "nasty.py", "--out", "out")
     assert again.stderr.startswith("out: rows with another identity are run again: 3 with other plugins\n")

@@ -119,7 +119,7 @@ def force_tyres() -> list[Any]:
 
 
 class Trial:
-    """Execution of one manoeuvre. It creates plants and checks, and stores curves for figures."""
+    """One execution of a manoeuvre, with its plants, its checks and the curves for its figures."""
 
     def __init__(self, name: str, quick: bool = False) -> None:
         self.name, self.quick = name, quick

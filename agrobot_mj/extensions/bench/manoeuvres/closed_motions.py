@@ -136,5 +136,5 @@ def run(m: Trial) -> Iterator[Check]:
         for damped, law in (("", tyre), (", undamped", tyre.model_copy(update={"bristle_damping_s": 0.0}))):
             found.append((tyre.kind, f"{len(motions)} motions{damped}", gains(law, motions)))
     for subject, words, gained in [*found, ("tool", f"{len(some)} motions", tool_gains(some))]:
-        about = m.about(f"largest gain over the work to and fro, {words}", subject)
+        about = m.about(f"maximum energy gain divided by the energy exchanged, {words}", subject)
         yield about.between(float((gained[:, 0] / np.maximum(gained[:, 1], 1e-9)).max()), -1.0, ROUNDING)

@@ -146,5 +146,5 @@ def run(m: Trial) -> Iterator[Check]:
         ):
             yield m.about(quantity, tyre.kind, "J").reported(energy)
         yield m.about("tyre losses", tyre.kind, "J").above(books.tyres, 0.0)
-        about = m.about("left over, of the change of kinetic energy", tyre.kind, "%")
+        about = m.about("energy residual divided by the change of kinetic energy", tyre.kind, "%")
         yield about.below(100 * left_over / kinetic, 100 * BAND)

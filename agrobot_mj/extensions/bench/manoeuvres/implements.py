@@ -112,7 +112,7 @@ def turns(m: Trial, implement: ImplementBase, theory: Any, words: str, seconds: 
         about = m.about(f"{words}, yaw gain at {speed:g} m/s", TYRE.kind, "1/s")
         yield about.near(float(found["yaw_rate"].mean() / steer), wanted.gain, BAND)
         if wanted.hitch:
-            about = m.about(f"{words}, angle at the pin over steering angle at {speed:g} m/s", TYRE.kind, "-")
+            about = m.about(f"{words}, angle at the pin divided by steering angle at {speed:g} m/s", TYRE.kind, "-")
             yield about.near(float(found["hitch_angle"].mean() / steer), wanted.hitch, BAND)
 
 

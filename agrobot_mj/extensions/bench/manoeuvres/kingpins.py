@@ -101,10 +101,10 @@ def parked(m: Trial, tyre: Any) -> Iterator[Check]:
         still = sweep(driver_of(plant, 0.0), machine).torque
         bar = still / machine.cylinder.displacement / 1e5
         yield m.about(f"parked torque, {where}", tyre.kind, "N m").near(still, wanted, 0.15)
-        yield m.about(f"parked pressure, {where}, least", tyre.kind, "bar").above(bar, 30.0)
-        yield m.about(f"parked pressure, {where}, most", tyre.kind, "bar").below(bar, 70.0)
+        yield m.about(f"minimum parked pressure, {where}", tyre.kind, "bar").above(bar, 30.0)
+        yield m.about(f"maximum parked pressure, {where}", tyre.kind, "bar").below(bar, 70.0)
         rolled = sweep(driver_of(plant, SPEED_M_S), machine).torque
-        yield m.about(f"torque at 1 m/s over parked, {where}", tyre.kind).below(rolled / still, 0.35)
+        yield m.about(f"torque at 1 m/s divided by parked torque, {where}", tyre.kind).below(rolled / still, 0.35)
 
 
 def stalled(m: Trial, tyre: Any) -> Iterator[Check]:

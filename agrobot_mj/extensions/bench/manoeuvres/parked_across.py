@@ -44,9 +44,9 @@ def run(m: Trial) -> Iterator[Check]:
             balanced = Tractor(tractor, tyre).side_slope(GRADE_DEG, rolling=False).loads.wheels
             theory = float(balanced[[1, 3]].sum() / balanced.sum())
             yield m.about(f"speed at the start, {size}", tyre.kind, "mm/s").below(speed, 1e3 * REST_M_S)
-            yield m.about(f"way in {WATCHED_S:g} s, {size}", tyre.kind, "mm").below(moved, MOVES_MM)
+            yield m.about(f"distance in {WATCHED_S:g} s, {size}", tyre.kind, "mm").below(moved, MOVES_MM)
             yield m.about(f"sinkage in {WATCHED_S:g} s, {size}", tyre.kind, "mm").below(dug, DIGS_MM)
-            yield m.about(f"share of the load on the lower wheels, {size}", tyre.kind).near(share, theory, LEANS)
+            yield m.about(f"fraction of the load on the lower wheels, {size}", tyre.kind).near(share, theory, LEANS)
 
 
 def deepest(plant: MujocoPlant) -> float:

@@ -72,13 +72,13 @@ def run(m: Trial) -> Iterator[Check]:
     sized = TractorParameters(**(tractor.model_dump(exclude_none=True) | TYRES))
     for name, (kpa, printed, (low, high)) in SOILS.items():
         best = best_pull(sized, kpa)
-        about = m.about(f"best efficiency of rear-wheel drive, {name} soil", "soil", "")
+        about = m.about(f"maximum efficiency of rear-wheel drive, {name} soil", "soil", "")
         yield about.close(best.efficiency, printed, EFFICIENCY_ROOM)
-        about = m.about(f"slip of the best efficiency, {name} soil", "soil", "%")
+        about = m.about(f"slip at maximum efficiency, {name} soil", "soil", "%")
         yield about.between(best.slip, low - SLIP_ROOM, high + SLIP_ROOM)
     for machine in machine_files():
         scenario = load_scenario("straight_line", {"machine": machine})
-        about = m.about(f"tip-over angle by theory, {machine}", "linear", "deg")
+        about = m.about(f"theoretical tip-over angle, {machine}", "linear", "deg")
         yield about.reported(Tractor(scenario.tractor).tipping_deg, STABILITY_DEG)
 
 

@@ -1,12 +1,12 @@
 """Ruts in soil
 
 A plate is pressed into a cell of soil, unloaded and pressed again. Its pressure must follow Bekker's p = k z^n with k =
-k_c / b + k_phi [Bekker1969], and N loadings of equal pressure must sink the plate to z_1 N^(1/a) [Abebe1989]. Then a
-rear wheel with its static load is towed over untouched soil, repeatedly along the same track. A rigid wheel with a flat
-tread has the motion resistance R = b k z^(n+1) / (n+1), with the rut depth z. Below a tyre with a crown, each strip of
-the rut has a different depth; the work of compaction is the resistance multiplied by the distance. At equal load
-instead of pressure, a wheel sinks slightly deeper than N^(1/a): the second pass adds 10 to 50 % of the first sinkage,
-with less work. Ten passes use as many tiles of the soil memory as one pass.
+k_c / b + k_phi [Bekker1969], and N loadings to equal pressure must sink the plate to z_1 N^(1/a), with the sinkage z_1
+of one loading [Abebe1989]. Then a rear wheel with its static load is towed over untouched soil, repeatedly along the
+same track. A rigid wheel with a flat tread has the motion resistance R = b k z^(n+1) / (n+1), with the rut depth z.
+Below a tyre with a crown, each strip of the rut has a different depth; the work of compaction is the resistance
+multiplied by the distance. At equal load instead of pressure, a wheel sinks slightly deeper than N^(1/a): the second
+pass adds 10 to 50 % of the first sinkage, with less work. Ten passes use as many tiles of the soil memory as one pass.
 """
 
 from collections.abc import Iterator
@@ -38,7 +38,8 @@ WAY_M, STEP_M, DT_S = 3.0, 0.0024, 0.002
 """Length of a pass [m], distance per time step [m] and duration of a time step [s], for 1.2 m/s."""
 HEADING = 0.3  # Heading of the wheel, oblique to the cell grid of the soil memory [rad]
 BAND, CLOSED = 0.02, 0.005
-"""Acceptance limits of the wheel resistance and of the closed forms for a plate [relative]."""
+"""Acceptance limits of the wheel resistance, and of deviations from the closed-form solutions for a plate
+[relative]."""
 PASSES = 10
 
 
@@ -111,7 +112,7 @@ def plate(m: Trial, tyre: Ruts) -> Iterator[Check]:
     stiffness = (cell.pressure - back.pressure) / (0.5 * cell.pressure / soil.rebound)
     yield m.about("rebound of a plate", tyre.kind, "MPa/m").near(1e-6 * stiffness, tyre.rebound_mpa_m, CLOSED)
     for count in (2, 3, 10):
-        about = m.about(f"sinkage of a plate after {count} times the same pressure over that after one", tyre.kind)
+        about = m.about(f"sinkage of a plate after {count} equal loadings divided by that after one", tyre.kind)
         yield about.near(repeated(soil, k, count), count ** (1 / soil.multipass), CLOSED)
 
 
@@ -141,13 +142,13 @@ def run(m: Trial) -> Iterator[Check]:
         yield about.near(rigid.resistance, width * k * rigid.depth ** (n + 1) / (n + 1), BAND)
         about = m.about(f"resistance of a tyre against the work of compaction, {name}", "ruts", "N")
         yield about.near(first.resistance, first.work, BAND)
-        yield m.about(f"resistance over load, first pass, {name}", "ruts").reported(first.resistance / LOAD_N)
-        about = m.about(f"second pass adds, of the first pass's sinkage, {name}", "ruts", "%")
+        yield m.about(f"resistance divided by load, first pass, {name}", "ruts").reported(first.resistance / LOAD_N)
+        about = m.about(f"sinkage added by the second pass, relative to the first pass, {name}", "ruts", "%")
         yield about.between(100 * (second.depth / first.depth - 1), 10.0, 50.0)
-        about = m.about(f"work of the second pass over that of the first, {name}", "ruts")
+        about = m.about(f"work of the second pass divided by that of the first pass, {name}", "ruts")
         yield about.between(second.resistance / first.resistance, 0.0, 1.0)
         for count, one in ((2, second), (3, third)):
-            about = m.about(f"depth after {count} passes over that after one, equal load, {name}", "ruts")
+            about = m.about(f"depth after {count} passes divided by the depth after one, equal load, {name}", "ruts")
             yield about.reported(one.depth / first.depth, count ** (1 / soil.multipass))
         if len(found) == PASSES:
             yield m.about(f"tiles taken by passes 2 to {PASSES}", "ruts").none(found[-1].tiles - first.tiles)

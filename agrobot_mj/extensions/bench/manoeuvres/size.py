@@ -88,9 +88,11 @@ def run(m: Trial) -> Iterator[Check]:
         about = m.about(f"mean crab, {GRADE_DEG:g} deg, {size}", TYRE.kind, "deg")
         yield about.near(slipped, crab_of_any_mass(tractor, TYRE, GRADE_DEG), BAND)
         for axle, wheel, curve in (("front", FRONT, TYRE.front), ("rear", REAR, TYRE.rear)):
-            about = m.about(f"peak force over static load, {axle}, {size}", TYRE.kind)
+            about = m.about(f"peak force divided by static load, {axle}, {size}", TYRE.kind)
             yield about.near(peak(tractor, wheel), curve.lateral.mu, BAND)
         yield m.about(f"angle of a trailer to the tractor, {size}", TYRE.kind, "deg").below(folded, HITCH_DEG)
-        about = m.about(f"torque of the standing wheels, {size}", TYRE.kind, "N m")
+        about = m.about(f"steering torque at standstill, {size}", TYRE.kind, "N m")
         yield about.near(torque, UPRIGHT.parked_torque(tractor), PARKED_BAND)
-        yield m.about(f"angle reached standing, {size}", TYRE.kind, "deg").close(reached, tractor.steer_limit_deg, 0.2)
+        yield m.about(f"steering angle reached at standstill, {size}", TYRE.kind, "deg").close(
+            reached, tractor.steer_limit_deg, 0.2
+        )

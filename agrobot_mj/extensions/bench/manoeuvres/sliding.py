@@ -54,10 +54,14 @@ def run(m: Trial) -> Iterator[Check]:
     for tyre in force_tyres():
         for name, motions in (("locked, 20-80 deg to its heading", pulled), ("spinning, 83-95 % slip", spun)):
             found = max(lean(tyre, *motion) for motion in motions)
-            off = m.about(f"force off the line of sliding, {name}", tyre.kind, "deg").below(found, LEAN_DEG)
+            off = m.about(f"deviation of the force from the sliding direction, {name}", tyre.kind, "deg").below(
+                found, LEAN_DEG
+            )
             yield off.judged(not isinstance(tyre, Linear))
-            yield m.about(f"share of the force that takes power, {name}", tyre.kind).above(cos(radians(found)), 0.0)
+            yield m.about(f"fraction of the force that dissipates power, {name}", tyre.kind).above(
+                cos(radians(found)), 0.0
+            )
         for s in (0.3, 0.6, 0.9, 0.95) if isinstance(tyre, Soil) else ():
             pull = Rig(tyre, TRACTOR, REAR).steady(Setting(1.0, 0.0, s / (1 - s), LOAD_N)).fx / LOAD_N
-            about = m.about(f"net traction over load at {100 * s:g} % slip", tyre.kind)
+            about = m.about(f"net traction divided by load at {100 * s:g} % slip", tyre.kind)
             yield about.close(pull, traction(tyre, s), TRACTION)

@@ -44,5 +44,5 @@ def run(m: Trial) -> Iterator[Check]:
         for name, terrain in (("level ground", Flat()), ("a rough field", Rough(iso_class="E", half_size_m=25.0))):
             plant, _ = m.mujoco(tyre, terrain)
             broken, restarts = soak(m, plant, seconds)
-            yield m.about(f"ticks with a broken number in {seconds:g} s on {name}", tyre.kind).none(broken)
-            yield m.about(f"rolled over or off, on {name}", tyre.kind).reported(restarts)
+            yield m.about(f"ticks with a non-finite value in {seconds:g} s on {name}", tyre.kind).none(broken)
+            yield m.about(f"restarts after a roll-over or at the edge, on {name}", tyre.kind).reported(restarts)

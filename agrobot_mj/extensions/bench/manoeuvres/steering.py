@@ -123,7 +123,9 @@ def load_dependence(m: Trial, tyre: Any, plant: MujocoPlant) -> Iterator[Check]:
     parked, rolled = turning_pressure(plant, 0.0), turning_pressure(plant, SPEED_M_S)
     still = m.about("pressure to turn the wheels, parked", tyre.kind, "bar")
     yield still.near(parked, twisting, 0.05) if patch > 0 else still.reported(parked)
-    yield m.about("pressure parked over rolling", tyre.kind).above(parked / rolled, 1.5).judged(patch > 0)
+    yield (
+        m.about("parked pressure divided by rolling pressure", tyre.kind).above(parked / rolled, 1.5).judged(patch > 0)
+    )
 
 
 def relief(m: Trial, tyre: Any) -> Check:

@@ -159,7 +159,7 @@ def run(m: Trial) -> Iterator[Check]:
     """Yield checks of steady gain and step response for the bicycle and every tyre. Runs are shorter in quick mode."""
     for subject, plant, truth in m.level_plants():
         m.curves[subject] = seen = step(plant, truth, 6.0 if m.quick else 12.0)
-        about, wanted = m.about("steady yaw rate over steering angle", subject, "1/s"), theory(subject)
+        about, wanted = m.about("steady yaw rate divided by steering angle", subject, "1/s"), theory(subject)
         yield about.reported(seen.gain) if wanted is None else about.near(seen.gain, wanted, BAND)
         yield m.about("response time", subject, "s").reported(seen.response_s)
         about = m.about("overshoot", subject, "%")
@@ -168,5 +168,5 @@ def run(m: Trial) -> Iterator[Check]:
             continue
         overshoot, wanted, difference = transient(seen)
         yield about.near(overshoot, wanted, TRANSIENT_BAND)
-        about = m.about("yaw rate off the bicycle with relaxation, rms", subject, "%")
+        about = m.about("deviation of the yaw rate from the bicycle model with relaxation, rms", subject, "%")
         yield about.below(difference, 100 * BAND)

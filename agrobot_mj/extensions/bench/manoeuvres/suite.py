@@ -18,7 +18,7 @@ HEAD = """# Validation
 
 Manoeuvres with a known theoretical result, on the bicycle and on the MuJoCo tractor with each kind of tyre. The
 controller uses true values, except for one run along a side slope with the complete closed loop. `agrobot-mj validate`
-drives them, writes this page with its figures, and fails if a number is outside its band. The parameters are the
+runs them, writes this page with its figures, and fails if a number is outside its band. The parameters are the
 defaults of [models](../../reference/models.md); the module docstrings of `agrobot_mj/extensions/bench/manoeuvres/` give
 the details.
 

@@ -3,8 +3,8 @@
 A rear wheel rests on untouched soil with its static load. Then the load oscillates by a few per cent, 8 times per
 second for a minute. Soil is elastic below its maximum earlier load. The rut must therefore be that of a single
 application of the maximum load, and less than 1 mm deeper than without oscillation. Lifting and lowering the wheel is a
-different case: full loadings sink a plate by N^(1/a), and a wheel, whose load spreads as its rut grows, to a depth
-between the depth of one loading and the depth of the plate.
+different case: N complete loadings sink a plate to N^(1/a) times the first sinkage, with the exponent a of the
+multipass law. A wheel sinks less than a plate, because its load spreads as its rut grows.
 """
 
 from collections.abc import Iterator
@@ -83,7 +83,9 @@ def run(m: Trial) -> Iterator[Check]:
         (heaviest,) = rut(tyre, [once._replace(mean=(1.0 + swing) * LOAD_N)])
         about = m.about(f"rut after {seconds:g} s of ±{100 * swing:g} % at 8 Hz", "ruts", "mm")
         yield about.close(shaken, heaviest, SAME_MM)
-        yield m.about(f"deeper by ±{100 * swing:g} % at 8 Hz", "ruts", "mm").below(shaken - still, DEEPER_MM)
+        yield m.about(f"additional depth due to ±{100 * swing:g} % at 8 Hz", "ruts", "mm").below(
+            shaken - still, DEEPER_MM
+        )
     whole, plate = rut(tyre, [once] * COUNT), COUNT ** (1 / tyre.multipass)
-    about = m.about(f"rut after {COUNT} whole loadings over that after one", "ruts")
+    about = m.about(f"rut after {COUNT} complete loadings divided by that after one", "ruts")
     yield about.between(whole[-1] / whole[0], 1.0 + 0.5 * (plate - 1.0), plate)

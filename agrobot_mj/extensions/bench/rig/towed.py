@@ -92,7 +92,7 @@ def _model(contact: NativeContact, tractor: TractorParameters, wheel: str, load:
     body = whole.body(f"wheel_{wheel}")
     mass, radius = load / GRAVITY - body.mass, float(whole.geom(f"tyre_{wheel}").size[0])
     if mass <= 0:
-        raise ValueError(f"load: {load:g} N is less than the weight of the wheel")
+        raise ValueError(f"load: {load:g} N is below the weight of the wheel; increase the load")
     spec.worldbody.add_geom(
         type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1], friction=[contact.friction, 0.005, 0.0001]
     )

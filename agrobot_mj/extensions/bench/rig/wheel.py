@@ -89,7 +89,7 @@ class Rig:
         self.relaxation = float(self.tyres.relaxation[wheel].max())
         if not self.relaxation <= MOST_RADII * self.tyres.radius[wheel]:
             radii = self.relaxation / self.tyres.radius[wheel]
-            raise ValueError(f"the relaxation length must be at most {MOST_RADII:g} radii, got {radii:g}")
+            raise ValueError(f"the relaxation length must be at most {MOST_RADII:g} wheel radii, got {radii:g}")
 
     def history(self, setting: Setting, distance_m: float) -> Array:
         """Return forces, moment and contact at each step, shape (steps, 5), starting with undeflected bristles."""

@@ -195,12 +195,12 @@ def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
             "or allow it with --beyond"
         )
     notes = (
-        [f"the plan has {count} headland laps instead of {first}, so that the turns stay inside"]
-        if count > first
-        else []
+        [f"the plan has {count} headland laps instead of {first}, so that turns stay inside"] if count > first else []
     )
     if margin:
-        notes.append(f"the plan keeps {margin:.2f} m from the boundary, so that the implement stays inside in the laps")
+        notes.append(
+            f"the plan keeps {margin:.2f} m from the boundary, so that the implement stays inside on headland laps"
+        )
     return work.plan(field.name, count, margin, notes)
 
 

@@ -76,10 +76,12 @@ def rig_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachi
     """
     tractor, path = scenario.tractor, scenario.path
     if not isinstance(path, Swaths):
-        raise ScenarioError(f'path.kind: "{path.kind}": the field determines the path; omit the key')
+        raise ScenarioError(
+            f'path.kind: "{path.kind}" has no effect, because the field determines the path; omit the key'
+        )
     if path.turn_radius_m * MAX_CURVATURE_FRACTION < tractor.tightest_radius:
         raise ScenarioError(
-            f"--radius {path.turn_radius_m:g}: machine {scenario.machine} needs at least "
+            f"--radius {path.turn_radius_m:g}: the machine {scenario.machine} has a minimum radius of "
             f"{tractor.tightest_radius / MAX_CURVATURE_FRACTION:.2f} m; set a larger radius"
         )
     return outline_of(scenario, width, overlap)

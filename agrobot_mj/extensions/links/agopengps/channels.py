@@ -1,8 +1,8 @@
 """Datagram channels: sockets in real time, sockets paced by replies of the host, or a recorded session.
 
-A link performs one turn of the exchange per tick. It processes the datagrams received since the last turn (`begin`) and
-sends a position. It then processes the replies (`rest`) before the board steers. A board runs its control loop at 40
-Hz. Therefore `rest` lasts 25 ms of the 50 ms tick.
+A link works in cycles of one tick (50 ms); `turn` is the number of a cycle. A cycle processes the datagrams received
+since the previous cycle (`begin`) and sends a position. It then processes the replies (`rest`) before the board steers.
+A board runs its control loop at 40 Hz. Therefore `rest` lasts 25 ms of the 50 ms.
 """
 
 import time
@@ -29,11 +29,11 @@ class Channel(Protocol):
         ...
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Return datagrams received since the last turn of the exchange, until this turn is due."""
+        """Wait until the cycle `turn` is due, and return the datagrams received since the previous cycle."""
         ...
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
-        """Return the datagrams received between the position and the steering output of a turn. `answered()` returns
+        """Return the datagrams received between the position and the steering output of a cycle. `answered()` returns
         whether the host has replied."""
         ...
 
@@ -64,7 +64,7 @@ class RealTime(_Sockets):
         self.pace, self.loop = Pace(slower * TICK_S), slower * BOARD_LOOP_S
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Return the datagrams received until the turn of the exchange is due, and begin the turn."""
+        """Return the datagrams received until the cycle is due, and begin the cycle."""
         due = self.pace.next
         yield from self._received(due, due - QUIET_S)
         self.pace.begin()
@@ -113,11 +113,11 @@ class Replayed:
                 self.turns.setdefault(datagram.turn, []).append(datagram)
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Return no datagrams. All datagrams of a turn are returned by `rest`."""
+        """Return no datagrams. `rest` returns all datagrams of a cycle."""
         return iter(())
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
-        """Return all datagrams recorded in this turn of the exchange."""
+        """Return all datagrams recorded in this cycle."""
         return (Incoming(d.wall, d.address, d.data) for d in self.turns.get(turn, ()))
 
     def send(self, data: bytes, target: tuple[str, int] | None = None) -> tuple[float, str]:

@@ -24,7 +24,7 @@ def check_lines(scenario: Scenario, log: Log, block: dict[str, Any]) -> Iterator
     """Yield the results of a connection check as text. `block` contains the metrics of the link."""
     answered, rate = block["answered_fraction"], block["steer_messages_hz"]
     if answered is not None and rate is not None:
-        yield f"rate: {rate:.1f} steering messages per second; {answered:.0%} of the positions answered"
+        yield f"rate: {rate:.1f} steering messages per second; {answered:.0%} of the positions were answered"
         yield f"latency: median {block['latency_ms_median']:.1f} ms, 95 % below {block['latency_ms_p95']:.1f} ms"
     yield _wheelbase(scenario, log)
     t = scenario.tractor
@@ -39,7 +39,7 @@ def _wheelbase(scenario: Scenario, log: Log) -> str:
     if (rms(rate) or 0.0) < TURNING:
         return f"wheelbase: {given:g} m; the tractor did not turn, so the yaw rate does not confirm it"
     moved = log.column("speed") * np.vectorize(tan)(log.column("steer"))
-    return f"wheelbase: {given:g} m; {float(moved @ rate / (rate @ rate)):.2f} m from the yaw rate"
+    return f"wheelbase: {given:g} m; {float(moved @ rate / (rate @ rate)):.2f} m estimated from the yaw rate"
 
 
 def _antenna(log: Log) -> str:
@@ -72,7 +72,7 @@ def _missing(scenario: Scenario, block: dict[str, Any]) -> Iterator[str]:
     if not block["engaged_s"]:
         yield "engagement; select a line and press the autosteer button"
     if not sensors.imu.enabled:
-        yield "roll; for slopes enable sensors.imu"
+        yield "roll; enable sensors.imu for work on slopes"
     dual = isinstance(spec, AgOpenGps) and spec.position == "paogi"
     if not (dual or sensors.gyro.enabled):
-        yield "heading at rest; enable sensors.gyro, or two antennas with guidance.position = paogi"
+        yield 'heading at rest; enable sensors.gyro, or use two antennas with guidance.position = "paogi"'

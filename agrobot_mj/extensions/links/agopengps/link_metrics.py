@@ -37,7 +37,8 @@ def latencies(record: list[Datagram]) -> list[float]:
 
 
 def positions_since_heard(record: list[Datagram]) -> int:
-    """Return the number of positions since the first steering message of the host, including the position before."""
+    """Return the number of positions that the host could answer: those after its first steering message and the last
+    one before this message."""
     heard = next((k for k, datagram in enumerate(record) if _steers(datagram)), None)
     return 0 if heard is None else any(map(_is_position, record[:heard])) + sum(map(_is_position, record[heard:]))
 
@@ -79,7 +80,7 @@ def health(block: dict[str, Any]) -> list[str]:
     found = []
     asked = block.get("pace", 1.0)
     if (pace := block.get("real_time_factor", asked)) < LEAST_PACE * asked:
-        found.append(f"the run was slow, {pace:.2f} x real time; for the host the tractor stops between messages")
+        found.append(f"the run was slow ({pace:.2f} x real time), so the host receives positions at long intervals")
     if (share := block["answered_fraction"]) is not None and share < LEAST_ANSWERED:
         found.append(
             f"the host answered only {share:.0%} of the positions; check the load of its computer, or use "

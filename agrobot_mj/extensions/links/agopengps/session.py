@@ -1,9 +1,8 @@
 """Run with an external guidance program that steers the tractor through simulated boards.
 
-The exchange is divided into turns. A turn is a tick of 50 ms: measure, send the position, process the messages of the
-host, steer, step. Before the start, the tractor is at rest, and positions are sent until the host replies (or engages),
-because hosts need time to detect a module. A message is effective in the tick of its arrival, at most 25 ms after the
-position.
+The link works in cycles of one tick (50 ms): measure, send the position, process the messages of the host, steer, step.
+Before the start, the tractor is at rest, and positions are sent until the host replies (or engages), because hosts need
+time to detect a module. A message is effective in the tick of its arrival, at most 25 ms after the position.
 
 The GNSS and IMU board converts measurements of the simulated sensors to position sentences. The position is the
 receiver solution at the antenna, with noise, latency and losses. Like a real board, it sends no sentence without a
@@ -176,7 +175,9 @@ class Session:
         when = f"{(self.turn - self.started) * TICK_S:.1f} s" if self.started >= 0 else "before the run"
         if refuses(after) and not refuses(before):
             back = "is back" if after.tally.lost else "is engaged already"
-            self.options.notify(f"{when}: the host {back}, but the board is latched; switch its button off and on")
+            self.options.notify(
+                f"{when}: the host {back}, but the board is latched; switch its autosteer button off and on"
+            )
         elif after.tally.lost != before.tally.lost and not after.engaged:
             self.options.notify(f"{when}: the host is silent{'; the board has disengaged' if before.engaged else ''}")
         elif after.engaged != before.engaged:
@@ -227,7 +228,7 @@ class Session:
             return f": {program} answers, but has not engaged"
         if tally.hellos:
             heard = f"{carrier} answers ({tally.hellos} hellos)"
-            return f": {heard}, but {program} does not; open it with its simulator off"
+            return f": {heard}, but {program} does not; open {program} and switch its simulator off"
         return ""
 
     def _host_is_gone(self) -> bool:

@@ -2,8 +2,8 @@
 
 On the loopback network, a host may send to 127.0.0.1 or to a broadcast address. On Linux, a socket that is bound to one
 address receives only datagrams to that address. Therefore the link opens three sockets. For any other explicit address,
-the port is opened on all interfaces. Size and number of datagrams per turn of the exchange are limited, so that excess
-traffic cannot block the simulation.
+the port is opened on all interfaces. Size and number of datagrams per link cycle are limited, so that excess traffic
+cannot block the simulation.
 """
 
 import errno
@@ -20,7 +20,7 @@ from agrobot_mj.core.errors import ScenarioError
 BOARD_PORT, HOST_PORT = 8888, 9999
 LOOPBACK = ("127.0.0.1", "127.0.0.255", "127.255.255.255")
 LONGEST = 2048  # Maximum length of a datagram [bytes]. Longer datagrams are rejected.
-MOST_A_TURN = 500  # Maximum number of datagrams processed per turn. Further datagrams are processed in the next turn.
+MOST_A_TURN = 500  # Maximum number of datagrams processed per cycle. Further datagrams are processed in the next cycle.
 
 
 class Incoming(NamedTuple):

@@ -52,8 +52,8 @@ class Camera:
             self.renderer = mujoco.Renderer(self.model, height=size[1], width=size[0])
         except Exception as error:  # the type of exception depends on the OpenGL library
             raise NoDisplayError(
-                f"MuJoCo finds no OpenGL for rendering ({error}); set MUJOCO_GL=egl or MUJOCO_GL=osmesa in the "
-                "environment before Python starts"
+                f"MuJoCo cannot find an OpenGL library for rendering ({error}); set MUJOCO_GL=egl or MUJOCO_GL=osmesa "
+                "in the environment before Python starts"
             ) from None
 
     def picture(self, configuration: Array, path: Array) -> Picture:

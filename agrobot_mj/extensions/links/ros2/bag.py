@@ -65,14 +65,15 @@ def _signals(file: Path) -> pa.Table:
     try:
         schema = pq.read_schema(file.absolute())
     except (pa.ArrowException, OSError, ValueError):
-        raise ScenarioError(f"{file}: the file is not the Parquet file of a run") from None
+        raise ScenarioError(f"{file}: the file is not the Parquet file of a run; specify the folder of a run") from None
     there = {field.name for field in schema if not pa.types.is_null(field.type)}  # null if the run ended at once
     columns = read_columns(file, ["t", *(name for name in TickSample._fields if name in there)])
     check_time(file.name, "t", columns["t"])
     for name, values in columns.items():
         if (bad := np.flatnonzero(np.abs(values) >= LARGEST)).size:
             raise ScenarioError(
-                f"{file.name}: {name!r} is {values[bad[0]]:g} in row {bad[0] + 1}, which is not plausible for a tractor"
+                f"{file.name}: {name!r} is {values[bad[0]]:g} in row {bad[0] + 1}, which is not plausible; check the "
+                "file"
             )
     return pa.table(columns)
 

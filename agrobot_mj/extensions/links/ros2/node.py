@@ -120,7 +120,7 @@ def problem_of(types: Sequence[str], stamped: bool, refused: int) -> str:
         fix = f"{'omit' if stamped else 'add'} --stamped" if TWISTS[not stamped] in sent else "change the publisher"
         return f"the publishers send {', '.join(sent)}, but the node expects {TWISTS[stamped]}; {fix}"
     if refused:
-        return f"{refused} messages with a non-finite velocity were ignored; check the program"
+        return f"{refused} messages with a non-finite velocity were ignored; check the program that publishes them"
     return "" if sent else "no program publishes this topic"
 
 

@@ -56,7 +56,8 @@ def loopback_only() -> Iterator[None]:
     other = os.environ.get("RMW_IMPLEMENTATION", MIDDLEWARE)
     if other != MIDDLEWARE:
         raise ScenarioError(
-            f"RMW_IMPLEMENTATION={other}: it cannot be restricted to this computer; unset the variable or add --network"
+            f"RMW_IMPLEMENTATION={other}: ROS 2 cannot be restricted to this computer; unset the variable or add "
+            "--network"
         )
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "loopback.xml"

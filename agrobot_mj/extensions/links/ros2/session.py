@@ -1,10 +1,9 @@
 """Run controlled by a program that publishes on /cmd_vel.
 
-The exchange is divided into turns. A turn is a tick of 50 ms: publish the sensors and the clock, receive a command,
-steer, step. In real time, a command is effective in the tick of its arrival, at most 25 ms after the sensors. In
-lock-step, the clock waits for one command every `every` ticks, so that a run is repeatable on any computer. The run
-ends if no command arrives. Before the start, the tractor is at rest. Clock and sensors are published in real time until
-the first command.
+The link works in cycles of one tick (50 ms): publish the sensors and the clock, receive a command, steer, step. In real
+time, a command is effective in the tick of its arrival, at most 25 ms after the sensors. In lock-step, the clock waits
+for one command every `every` ticks, so that a run is repeatable on any computer. The run ends if no command arrives.
+Before the start, the tractor is at rest. Clock and sensors are published in real time until the first command.
 """
 
 import time
@@ -39,11 +38,11 @@ from agrobot_mj.simulation.run import Watcher
 from agrobot_mj.simulation.stepping import Simulation
 from agrobot_mj.simulation.storage import write_log
 
-ANSWER_S = 0.025  # Time from the start of a turn within which an arriving command is effective in this turn [s]
+ANSWER_S = 0.025  # Time from the start of a cycle within which an arriving command is effective in this cycle [s]
 SETTLE_S = 0.3
 """Time without commands after which no replies to earlier clock messages remain in lock-step [s]. Assumed value."""
 ASK_TURNS = 60
-"""Number of exchange turns without a command before the publishers of /cmd_vel are checked. Discovery takes 1-2 s."""
+"""Number of cycles without a command before the publishers of /cmd_vel are checked. Discovery takes 1-2 s."""
 
 
 SENSORS = {"sensors.imu.enabled": True, "sensors.gyro.enabled": True}
@@ -110,11 +109,11 @@ class RosSession:
         self.pace = Pace(TICK_S)
         self.turn, self.started = 0, -1
         self.refused = 0
-        """Number of ignored commands up to the last turn of the exchange."""
+        """Number of commands ignored up to the previous cycle."""
         self.answered = 0
-        """Last turn of the exchange with a command. In lock-step, the next command is due `every` turns later."""
+        """Number of the last cycle with a command. In lock-step, the next command is due `every` cycles later."""
         self.latencies: list[float] = []
-        """Wall-clock times from publishing the sensors to the first command, one per turn of the exchange [s]."""
+        """Wall-clock times from publishing the sensors to the first command of a cycle [s]."""
         self.ended: str | None = None
         """Outcome of the run set by the link, or None if the simulation sets the outcome."""
 
@@ -130,7 +129,7 @@ class RosSession:
                 self._starts()
             self._turn(sample)
             if self.port.refused and not self.refused:
-                self.options.notify("a non-finite velocity on /cmd_vel is ignored; metrics.json gives their number")
+                self.options.notify("non-finite velocities on /cmd_vel are ignored; see `refused` in metrics.json")
             self.refused = self.port.refused
             if self.ended:
                 return
@@ -176,7 +175,7 @@ class RosSession:
             if port.heard == heard:
                 wait, every = self.options.wait_s, self.options.every
                 text = f"no message on /cmd_vel for {wait:g} s; lock-step needs a message every {every * TICK_S:g} s"
-                self.options.notify(f"{text}; for a slower program set --every above {every}")
+                self.options.notify(f"{text}; if the program is slower, set --every above {every}")
                 self.ended = "host_lost"
         if port.last is not None and port.heard > heard:
             self.answered = self.turn
@@ -204,7 +203,7 @@ class RosSession:
             self.port.spin(time.perf_counter() + SETTLE_S)
 
     def metrics(self) -> dict[str, Any]:
-        """Return the metrics of the link: received and ignored commands, latencies [s], late turns."""
+        """Return the metrics of the link: received and ignored commands, latencies [s], late cycles."""
         waits, real_time = np.array(self.latencies), self.options.pace == "real_time"
         return {
             "pace": self.options.pace,

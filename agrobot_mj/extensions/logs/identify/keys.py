@@ -102,7 +102,8 @@ def fit_keys(
         found[name] = Quantity(value, value - half, value + half, half < SEPARABLE * abs(value))
         if not 1.02 / RANGE < factor < RANGE / 1.02:
             notes.append(
-                f"{name}: the fit ends at {factor:.2g} times the start, a limit; set a start with --set {name}"
+                f"{name}: the fit ends at its limit of {factor:.2g} times the start value; set another start value "
+                f"with --set {name}"
             )
     rms = {name: (before, _rms(now)[name]) for name, before in _rms(first).items()}
     return FittedKeys(found, dict(zip(start, halves.tolist(), strict=True)), number, rms, tuple(notes))
@@ -120,7 +121,10 @@ def _number(scenario: Scenario, key: str) -> float:
 def _residuals(number: int, piece: FieldRecording, driven: Driven) -> Residuals:
     """Return the residuals of one replayed segment. Raises `FieldLogError` if the plant stopped early."""
     if driven.outcome != "completed":
-        raise FieldLogError(f"{piece.name}: the plant stops ({driven.outcome}); omit this part with --from and --to")
+        raise FieldLogError(
+            f"{piece.name}: the simulation of the plant ended early ({driven.outcome}); omit this part of the log with "
+            "--from and --to"
+        )
     found = Residuals()
     fixes, model = beside(piece, driven)
     for k, inside, laid in windows(fixes, model, driven.t[0]):

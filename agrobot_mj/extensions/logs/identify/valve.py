@@ -115,7 +115,9 @@ def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_l
     explained = float(1.0 - 2 * best.result.cost / (_centred(data.measured) ** 2).sum())
     if not explained >= LEAST_EXPLAINED:
         share = f"{100 * explained:.0f} % of the motion, less than {100 * LEAST_EXPLAINED:.0f} %"
-        raise ScenarioError(f"valve not identified: the fit explains {share}; use voltage and angle of the same run")
+        raise ScenarioError(
+            f"the valve is not identified: the fit explains {share}; use voltage and angle from the same run"
+        )
     values = {NAMES[k]: float(best.p[k]) if k in best.free else None for k in range(len(NAMES))}
     return Identified(
         **values,  # type: ignore[arg-type]  # parameters of every fit are never None
@@ -158,9 +160,12 @@ def _data(signals: pa.Table | Path, cylinder: Cylinder, steer_limit_deg: float) 
     with np.errstate(invalid="ignore"):
         kept = np.abs(windows).max(axis=1, initial=0.0) < np.radians(steer_limit_deg - NEAR_STOP_DEG)
     if not np.isfinite(voltage).all():
-        raise ScenarioError("the log has gaps in valve_voltage")
+        raise ScenarioError("the log has gaps in valve_voltage; use a run without gaps")
     if kept.sum() < LEAST_WINDOWS:
-        raise ScenarioError(f"the log is too short: {LEAST_WINDOWS * WINDOW_S:g} s off the steering stops are required")
+        needed = f"{LEAST_WINDOWS * WINDOW_S:g} s"
+        raise ScenarioError(
+            f"the log is too short: at least {needed} with the steering away from its stops are required"
+        )
     moved = degrees(float(np.sqrt((_centred(windows[kept]) ** 2).mean())))
     if moved < LEAST_MOTION_DEG:
         raise ScenarioError(f"the steering hardly moves ({moved:.2g} deg rms in {WINDOW_S:g} s); use a run with turns")

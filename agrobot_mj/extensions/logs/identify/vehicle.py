@@ -101,8 +101,8 @@ def identify_vehicle(
     if not explained > LEAST_EXPLAINED:
         raise NothingExplainedError(
             f"{name}: the fit explains {100 * max(explained, 0.0):.0f} % of the {channel.replace('_', ' ')} "
-            f"on the rest of the log, less than {100 * LEAST_EXPLAINED:.0f} %, so there is no result. Check sign and "
-            "unit of the steering, the column of the speed, and the wheelbase (--set tractor.wheelbase_m=...)"
+            f"on the rest of the log, less than {100 * LEAST_EXPLAINED:.0f} %, so the fit gives no result. Check sign "
+            "and unit of the steering, the column of the speed, and the wheelbase (--set tractor.wheelbase_m=...)"
         )
     found = vehicle_quantities(result, chassis)
     check_stiffness(name, found, chassis)
@@ -160,16 +160,18 @@ def check_stiffness(name: str, found: dict[str, Quantity], chassis: Chassis2) ->
         C = found[f"{axle}_cornering_stiffness_n_rad"]
         if C.identified and not is_plausible(C.value / load):
             raise NothingExplainedError(
-                f"{name}: the {axle} axle has {C.value:.3g} N/rad, {C.value / load:.2g} times its load, but real tyres "
-                f"have {PLAUSIBLE[0]:g} to {PLAUSIBLE[1]:g} times; there is no result. Check that [steer] of the map "
-                "is the wheel angle, and check the mass (--set tractor.mass_kg=...)"
+                f"{name}: the fitted cornering stiffness of the {axle} axle is {C.value:.3g} N/rad, "
+                f"{C.value / load:.2g} times the axle load. Real tyres have {PLAUSIBLE[0]:g} to {PLAUSIBLE[1]:g} times "
+                "the load, so the fit gives no result. Check that [steer] of the map is the wheel angle, and check "
+                "the mass (--set tractor.mass_kg=...)"
             )
 
 
 def _chosen(names: Sequence[str]) -> list[str]:
     for name in names:
         if name not in CHOICES:
-            raise ScenarioError(f"--fit {name}: unknown{suggestion(name, list(CHOICES))} (known: {', '.join(CHOICES)})")
+            known = ", ".join(CHOICES)
+            raise ScenarioError(f"--fit {name}: unknown parameter{suggestion(name, list(CHOICES))} (known: {known})")
     if not {"front", "rear"} <= set(names):
         raise ScenarioError("--fit: add front and rear; the other parameters need both stiffnesses")
     return [parameter for name in names for parameter in CHOICES[name].split()]
@@ -179,7 +181,9 @@ def _checked(recordings: Sequence[FieldRecording], chassis: Chassis2) -> Vehicle
     """Prepare segments for the fit. Raises `TooLittleError` or `FieldLogError` if the data are insufficient."""
     data = enough(recordings, chassis, LEAST_WINDOWS)
     if (moved := degrees(float(np.std(np.concatenate([piece.steer for piece in data.pieces]))))) < LEAST_STEER_DEG:
-        raise FieldLogError(f"{recordings[0].name}: the steering hardly moves ({moved:.2g} deg rms); add bends")
+        raise FieldLogError(
+            f"{recordings[0].name}: the steering hardly moves ({moved:.2g} deg rms); use a log with bends"
+        )
     return data
 
 

@@ -49,7 +49,9 @@ class OpenedLog(NamedTuple):
     def checked_map(self) -> LogMap:
         """Return `log_map`. Raises a `FieldLogError` that names the missing quantities if `log_map` is None."""
         if self.log_map is None:
-            raise FieldLogError(f"{self.name}: {self.missing}; twin --describe lists its content")
+            raise FieldLogError(
+                f"{self.name}: {self.missing}; `agrobot-mj twin --describe` lists the content of the log"
+            )
         return self.log_map
 
 

@@ -132,14 +132,14 @@ class Samples:
         """
         if self._damaged > MOST_DAMAGED * (self._lines + self._damaged):
             raise FieldLogError(
-                f"{self.name}: {self._damaged} of {self._lines + self._damaged} lines cannot be read, the first is "
+                f"{self.name}: {self._damaged} of {self._lines + self._damaged} lines cannot be read, the first one is "
                 f"{self._first_damage}; export the file again"
             )
         if not self._kept:
             raise FieldLogError("; ".join([f"{self.name}: the log contains no {what}", *notes[:3]]))
         found = list(notes)
         if self._damaged:
-            found.append(f"{self._damaged} damaged lines omitted, first {self._first_damage}")
+            found.append(f"{self._damaged} damaged lines are omitted, the first one is {self._first_damage}")
         chosen = {name: max(parts, key=lambda each: len(parts[each][0])) for name, parts in self._kept.items()}
         for source in dict.fromkeys(filter(None, chosen.values())):
             found.append(f"from {source}: {', '.join(name for name, each in chosen.items() if each == source)}")

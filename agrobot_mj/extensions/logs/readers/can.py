@@ -134,7 +134,8 @@ class CanText(LogReader):
             start = stream.read(65536)
         if kind := next((name for mark, name in BINARY.items() if start.startswith(mark)), ""):
             raise FieldLogError(
-                f"{path.name}: this is a {kind} log; convert it: python -m can.logconvert {path.name} {path.stem}.log"
+                f"{path.name}: this is a {kind} log; convert it with: python -m can.logconvert {path.name} "
+                f"{path.stem}.log"
             )
         dialect = _dialect(Head(path, start).lines)
         if dialect is None:

@@ -126,7 +126,9 @@ def _unpacked(chunk: Any, name: str) -> bytes:
     else:
         data = chunk.data
     if len(data) > MOST_RECORD_BYTES:
-        raise FieldLogError(f"{name}: a chunk exceeds {MOST_RECORD_BYTES / 1e6:g} MB when unpacked")
+        raise FieldLogError(
+            f"{name}: a chunk exceeds {MOST_RECORD_BYTES / 1e6:g} MB when unpacked; write the bag with smaller chunks"
+        )
     return bytes(data)
 
 

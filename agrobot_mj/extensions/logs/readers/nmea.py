@@ -70,7 +70,9 @@ class _Sentences:
         if self.early:
             notes.append(f"{self.early} sentences without a valid fix or time at the start are omitted")
         if self.unclear:
-            notes.append(f"{self.unclear} sentences with invalid fields are omitted, first {self.first_unclear}")
+            notes.append(
+                f"{self.unclear} sentences with invalid fields are omitted, the first one is {self.first_unclear}"
+            )
         for kind, (count, line, text) in self.invalid.items():
             why = "wrong checksum" if "*" in text else "no checksum"
             if self.valid and kind not in self.valid:

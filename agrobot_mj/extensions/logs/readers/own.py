@@ -53,7 +53,9 @@ class LinkRecord(LogReader):
     def read(self, path: Path) -> ReadLog:
         """Return the quantities in the position sentences and in the messages 253 of the boards."""
         if (rows := pq.read_metadata(path.absolute()).num_rows) > MOST:
-            raise FieldLogError(f"{path.name}: the file has {rows:.3g} rows, but a link records at most {MOST:.3g}")
+            raise FieldLogError(
+                f"{path.name}: the file has {rows:.3g} rows, but the limit is {MOST:.3g}; use a shorter run"
+            )
         samples = Samples(path)
         for datagram in read_traffic(path):
             if datagram.direction != "out":

@@ -118,7 +118,7 @@ class Twin(NamedTuple):
 
     @property
     def found(self) -> dict[str, Quantity]:
-        """Estimated quantities of sensors and vehicle by key."""
+        """Estimated parameters of the sensors and the vehicle, by scenario key or key of the map."""
         return {**self.calibration.found, **self.beyond_map}
 
     @property

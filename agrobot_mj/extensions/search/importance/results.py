@@ -128,7 +128,8 @@ def _found(folder: Path, metric: str) -> list[Influence]:
         file = tomllib.loads((folder / "sweep.toml").read_text("utf-8"))
         rows: Rows = read_rows(folder)
     except OSError:
-        raise ScenarioError(f"{folder}: the folder has no results of a sweep (sweep.toml, sweep.parquet)") from None
+        missing = "the folder has no sweep.toml or sweep.parquet"
+        raise ScenarioError(f"{folder}: {missing}; specify the results folder of a sweep") from None
     code = code_of(rows, folder)
     check_folder(folder, ("importance.json", "importance.png"))
     if file.get("method") not in DESIGNS:

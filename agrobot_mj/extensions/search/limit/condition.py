@@ -102,7 +102,7 @@ class Condition:
         elif not set(kinds) <= {"metric", "number"}:
             self._refuse("compare metrics with numbers or with each other")
         elif "metric" not in kinds:
-            self._refuse("the condition compares no metric")
+            self._refuse("the condition does not compare a metric")
 
         def holds(numbers: Numbers) -> bool:
             pairs = pairwise([value(numbers) for _, value in sides])

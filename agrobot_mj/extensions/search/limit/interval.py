@@ -36,7 +36,8 @@ def _lower(successes: int, failures: int, confidence: float) -> float:
 
 
 def _evidence(successes: int, failures: int, rate: float) -> float:
-    """Return the log of the mean likelihood of success rates above `rate`, divided by the likelihood of `rate`."""
+    """Return the log of a likelihood ratio: mean likelihood of the success rates above `rate`, divided by the
+    likelihood of `rate`."""
     from scipy.special import betaincc, betaln, xlogy
 
     a, b = successes + 1.0, failures + PRIOR_FAILURES

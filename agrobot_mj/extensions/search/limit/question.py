@@ -119,7 +119,7 @@ def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
     if not (isfinite(q.start) and isfinite(q.stop)) or q.start == q.stop:
         raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: specify two numbers, the first where laws should succeed")
     if not isfinite(q.stop - q.start):
-        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: the range is too wide")
+        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: the range is too wide; specify smaller numbers")
     if not (0 < q.resolution < inf and 0 < q.reliability < 1 and 0 < q.confidence <= MOST_CONFIDENT):
         raise ScenarioError(
             f"--tolerance must be above 0, --reliability between 0 and 1, --confidence between 0 and {MOST_CONFIDENT}"

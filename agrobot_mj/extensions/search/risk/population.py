@@ -57,7 +57,8 @@ class Population:
         self._want(next(self._work))
 
     def _want(self, wanted: list[Wanted[Run]]) -> None:
-        """Store the runs to simulate. A parent that exceeds the level only at its last tick is reused unchanged."""
+        """Determine which of the requested runs must be simulated. A parent that exceeds the level only at its last
+        tick is reused unchanged."""
         self._given = [parent if parent and parent.above(level) >= parent.ticks else None for parent, level in wanted]
         self.due = [self._begun(*each) for each, known in zip(wanted, self._given, strict=True) if not known]
 

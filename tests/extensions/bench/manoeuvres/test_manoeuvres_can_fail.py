@@ -68,10 +68,10 @@ def failures(module):
 
 def test_sliding_check_detects_wrong_force_direction_and_traction(monkeypatch):
     monkeypatch.setattr(sliding, "force_tyres", lambda: [Soil(sliding_anisotropy=1.0)])
-    assert failures(sliding) == {"force off the line of sliding, locked, 20-80 deg to its heading"}
+    assert failures(sliding) == {"deviation of the force from the sliding direction, locked, 20-80 deg to its heading"}
     monkeypatch.setattr(sliding, "force_tyres", lambda: [Soil()])
     monkeypatch.setattr(sliding, "traction", lambda soil, s: traction(soil, 0.7 * s))
-    assert failures(sliding) == {f"net traction over load at {s} % slip" for s in (30, 60, 90, 95)}
+    assert failures(sliding) == {f"net traction divided by load at {s} % slip" for s in (30, 60, 90, 95)}
 
 
 def test_filter_check_detects_a_wrong_gain(monkeypatch):
@@ -131,9 +131,9 @@ def test_size_check_detects_tyres_and_cylinder_of_another_machine_size(monkeypat
     monkeypatch.setattr(size, "grown", lambda mass, grown=size.grown: grown(mass)._replace(cylinder=weak))
     assert failures(size) >= {
         "mean crab, 5 deg, 2 t",
-        "peak force over static load, front, 2 t",
-        "peak force over static load, rear, 2 t",
-        "torque of the standing wheels, 2 t",
+        "peak force divided by static load, front, 2 t",
+        "peak force divided by static load, rear, 2 t",
+        "steering torque at standstill, 2 t",
     }
 
 
@@ -179,7 +179,7 @@ def test_energy_check_detects_a_torque_missing_from_the_balance(monkeypatch):
         return plant, truth
 
     monkeypatch.setattr(base, "mujoco_plant", pushed)
-    assert failures(energy) == {"left over, of the change of kinetic energy"}
+    assert failures(energy) == {"energy residual divided by the change of kinetic energy"}
 
 
 def test_energy_check_detects_a_wrong_rolling_radius(monkeypatch):
@@ -217,7 +217,7 @@ def test_antenna_tilt_check_detects_a_mast_ten_percent_too_short(monkeypatch):
 
 def test_rut_check_detects_different_soil_and_missing_rut_memory(monkeypatch):
     monkeypatch.setattr(ruts, "SOILS", {"sandy loam": Ruts(multipass=1.0)})
-    assert failures(ruts) == {"second pass adds, of the first pass's sinkage, sandy loam"}
+    assert failures(ruts) == {"sinkage added by the second pass, relative to the first pass, sandy loam"}
     harder = ruts.load_cell
     monkeypatch.setattr(ruts, "load_cell", lambda soil, k, *rest: harder(soil, 1.05 * k, *rest))
     assert {"pressure of a plate 10 mm deep", "pressure of a plate 30 mm deep"} <= failures(ruts)

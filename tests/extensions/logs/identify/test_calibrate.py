@@ -90,7 +90,7 @@ def test_latency_and_antenna_position_are_not_identified_on_a_straight():
     assert {key for key, each in found.found.items() if each.identified} == {"steer.offset", "steer.scale"}
     assert not found.found["steer.offset"].excludes(radians(0.9))
     assert any(line.startswith("Delays require bends") for line in sentences(found, BICYCLE.tractor))
-    with pytest.raises(FieldLogError, match="the wheel angle in bends exceeds the play"):
+    with pytest.raises(FieldLogError, match="the wheel angle in bends exceeds the steering play"):
         calibrate([gyro_log(hidden(0), 0.1, swing=0.12)], None, BICYCLE)
 
 
@@ -125,7 +125,7 @@ def test_gyro_in_the_wrong_unit_is_rejected(log):
 
 def test_gyro_mapped_as_steering_angle_is_rejected():
     log, names = gyro_log(hidden(0), 0.1), {"gyro": "steer_measured", "steer_measured": "gyro"}
-    with pytest.raises(FieldLogError, match=r"that the columns of \[steer\] and \[yaw_rate\] are not exchanged"):
+    with pytest.raises(FieldLogError, match=r"that the columns of \[steer\] and \[yaw_rate\] are not swapped"):
         calibrate([log.rename_columns([names.get(name, name) for name in log.column_names])], None, BICYCLE)
 
 
@@ -153,7 +153,7 @@ def test_steering_limit_below_the_recorded_angles_is_reported(log):
     ("change", "told"),
     [
         ({"steer_measured": 0.0}, "a straight-line fit to the steering measurements explains 0 %"),
-        ({"gnss_quality": 0.0}, "have 0 positions"),
+        ({"gnss_quality": 0.0}, "contain 0 positions"),
         ({"speed_hat": 0.0}, "never reaches"),
     ],
 )
@@ -196,7 +196,9 @@ def test_swapped_position_axes_that_mirror_the_steering_are_reported(log):
         found = calibrate([table], blind, BICYCLE, 0.0, 40.0)
         assert found.positive == side
         doubts = [
-            line for line in sentences(found, BICYCLE.tractor) if "unless [position] exchanges east and north" in line
+            line
+            for line in sentences(found, BICYCLE.tractor)
+            if "unless the east and north columns of [position] are swapped" in line
         ]
         assert len(doubts) == (side == "right")
 

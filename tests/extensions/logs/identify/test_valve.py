@@ -181,7 +181,7 @@ def test_folder_without_a_run_is_rejected(calm, tmp_path):
         with pytest.raises(ScenarioError, match=match):
             identified(tmp_path)
 
-    with pytest.raises(ScenarioError, match="is not the folder of a run"):
+    with pytest.raises(ScenarioError, match="is not a folder; specify the folder of a run"):
         identified(tmp_path / "nowhere")
     refuses(r"has no signals\.parquet")
     file = tmp_path / "signals.parquet"
@@ -214,15 +214,15 @@ T = np.arange(1000) * 0.05
     [
         ("t", pa.array(np.zeros(1000)), "'t' is constant"),
         ("t", pa.array(-T), "'t' decreases at row 2"),
-        ("t", pa.array(np.r_[T[:-1], np.nan]), "'t' has no number in row 1000"),
-        ("t", pa.array([None] * 1000, pa.float64()), "'t' has no number in row 1"),
+        ("t", pa.array(np.r_[T[:-1], np.nan]), "'t' is not a number in row 1000"),
+        ("t", pa.array([None] * 1000, pa.float64()), "'t' is not a number in row 1"),
         ("t", pa.array(1000 * T), "'t' has steps of 50 s, which indicates milliseconds"),
         ("t", pa.array(20 * T), "'t': rows must be 0.001 to 0.5 s apart, got 1 s; check the unit"),
         ("t", pa.array(np.r_[T[:500], T[500:] + 60]), "'t': rows must be evenly spaced"),
-        ("steer_measured", pa.array(["left"] * 1000), "'steer_measured' holds text ('left' in row 1)"),
-        ("steer_measured", pa.array([[0.1]] * 1000), "'steer_measured' holds list<"),
+        ("steer_measured", pa.array(["left"] * 1000), "'steer_measured' contains text ('left' in row 1)"),
+        ("steer_measured", pa.array([[0.1]] * 1000), "'steer_measured' contains list<"),
         ("valve_voltage", pa.array([None] * 1000, pa.float64()), "gaps in valve_voltage"),
-        ("valve_voltage", pa.array(6 + np.random.default_rng(3).normal(size=1000)), "valve not identified"),
+        ("valve_voltage", pa.array(6 + np.random.default_rng(3).normal(size=1000)), "the valve is not identified"),
     ],
 )
 def test_error_for_an_unusable_log_names_the_columns(calm, tmp_path, name, values, said):
@@ -245,7 +245,7 @@ def test_duplicate_columns_and_too_many_rows_are_reported(calm, tmp_path, monkey
     monkeypatch.setattr(fieldlog, "MOST_ROWS", 100)
     pq.write_table(calm.signals, tmp_path / "signals.parquet")
     monkeypatch.setattr(fieldlog.pq, "read_table", lambda *_, **__: pytest.fail("read all the same"))
-    with pytest.raises(ScenarioError, match="rows, more than 100"):
+    with pytest.raises(ScenarioError, match="rows, but the limit is 100"):
         identify(tmp_path / "signals.parquet")
 
 

@@ -129,7 +129,7 @@ def test_implausible_stiffness_for_the_load_gives_no_result(stiffness, identifie
         return
     with pytest.raises(
         NothingExplainedError,
-        match=r"rear axle has .* times its load, but real tyres have "
+        match=r"rear axle is .* times the axle load. Real tyres have "
         r"1 to 60",
     ):
         check_stiffness("log", found, chassis)
@@ -142,7 +142,7 @@ def test_logs_that_cannot_identify_the_vehicle_are_rejected(hidden):
     straight = hidden.signals.set_column(at, "steer_measured", pa.array(np.zeros(len(hidden.signals))))
     with pytest.raises(FieldLogError, match="the steering hardly moves"):
         identify_vehicle(straight, None, BICYCLE)
-    with pytest.raises(ScenarioError, match="--fit bcklash: unknown; did you mean 'backlash'"):
+    with pytest.raises(ScenarioError, match="--fit bcklash: unknown parameter; did you mean 'backlash'"):
         identify_vehicle(hidden.signals, None, BICYCLE, ("front", "rear", "bcklash"))
 
 

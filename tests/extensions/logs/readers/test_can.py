@@ -80,7 +80,7 @@ def test_speed_message_with_the_most_values_is_used(tmp_path):
     log = open_log(tmp_path / "log")
     assert column(log, "speed")[1] == pytest.approx(2.0)
     assert "speed is also in PGN 65097 of 26, with fewer values" in log.notes
-    assert any(note.startswith("1 damaged lines omitted, first line 81") for note in log.notes)
+    assert any(note.startswith("1 damaged lines are omitted, the first one is line 81") for note in log.notes)
 
 
 def test_reverse_travel_bits_and_unavailable_values_are_decoded():
@@ -102,7 +102,7 @@ def test_reverse_travel_bits_and_unavailable_values_are_decoded():
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        (b"LOGG" + bytes(200), "this is a BLF log; convert it: python -m can.logconvert"),
+        (b"LOGG" + bytes(200), "this is a BLF log; convert it with: python -m can.logconvert"),
         (b"date Mon Nov 23\nbase hex\n", "is a ASC log"),
         (b"(1.0) can0 0CF00400#FFFFFFFFFFFFFFFF\n" * 9, "contains no known signals"),
         (b"(1.0) can0 0CAC1C13#807D\n" + b"(1.0) can0 0CAC1C13#8\xff7D\n" * 9, "9 of 10 lines cannot be read"),

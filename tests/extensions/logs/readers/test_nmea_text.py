@@ -84,9 +84,9 @@ def test_damaged_sentences_are_counted_and_too_many_rejected(tmp_path):
     (tmp_path / "log").write_text("\n".join([*good[:7], spoilt, *good[8:], good[0][:30]]))
     log = open_log(tmp_path / "log")
     assert len(log.source) == 19
-    assert log.notes[0].startswith("2 damaged lines omitted, first line 8, ")
+    assert log.notes[0].startswith("2 damaged lines are omitted, the first one is line 8, ")
     (tmp_path / "log").write_text("\n".join([*good[:4], *[spoilt] * 4]))
-    with pytest.raises(FieldLogError, match="4 of 8 lines cannot be read, the first is line 5"):
+    with pytest.raises(FieldLogError, match="4 of 8 lines cannot be read, the first one is line 5"):
         open_log(tmp_path / "log")
 
 
@@ -210,7 +210,10 @@ REASONS = {
         b"$LXWP0,N,13.3,21.0,0.03,0.03,0.03,0.03,0.03,0.03,,,*6F\r\n",
         "contains no sentences with a time",
     ),
-    "unknown columns": (b"time,lat,lon\n1,52.3,6.7\n" * 9, "--map map.toml; twin --describe lists its content"),
+    "unknown columns": (
+        b"time,lat,lon\n1,52.3,6.7\n" * 9,
+        "--map map.toml; `agrobot-mj twin --describe` lists the content",
+    ),
     "no names": (b"1.06,0.07,0.15\n2.28,0.12,0.29\n" * 9, "the first line has the number 1.06; write the column"),
     "empty names": (b",,,\n1,2,3,4\n", "the first line has no names; write the column names"),
     "no checksum": (b"$GPGGA,222449,3349.0,S,01843.9,E,1,07,2.3,115.4,M,33.3,M,,\r\n" * 9, "have no valid checksum"),

@@ -168,7 +168,10 @@ def test_describe_names_the_reader_and_missing_quantities(tmp_path, call):
     ) in out
     assert not list(tmp_path.glob("runs*"))
     status, _, err = call("twin", "--only", "replay", str(tmp_path / "capture.bin"))
-    assert (status, err) == (2, "capture.bin: the log has no wheel angle; twin --describe lists its content\n")
+    assert (status, err) == (
+        2,
+        "capture.bin: the log has no wheel angle; `agrobot-mj twin --describe` lists the content of the log\n",
+    )
 
 
 def test_describe_with_a_map_names_missing_quantities(tmp_path, call):
