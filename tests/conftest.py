@@ -3,6 +3,7 @@
 import gc
 import json
 import os
+import signal
 import sys
 from functools import cache
 from importlib import import_module
@@ -46,6 +47,14 @@ def _plugins_of_one_test():
     for known, kept in before:
         known.clear()
         known.update(kept)
+
+
+@pytest.fixture
+def interruptible():
+    """SIGINT raises KeyboardInterrupt, as in a terminal, also in a background job of a shell."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture

@@ -207,15 +207,7 @@ def test_mujoco_error_raises_an_exception_and_keeps_the_process_alive(in_a_threa
     assert equal(driven(sim), driven(begun("mujoco")))
 
 
-@pytest.fixture
-def interrupted():
-    """SIGINT raises KeyboardInterrupt, as in a program or a notebook."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
-@pytest.mark.usefixtures("interrupted")
+@pytest.mark.usefixtures("interruptible")
 def test_step_interrupted_while_the_plant_advances_is_completed(monkeypatch):
     """Interrupts while the plant advances, which is compiled code, in every third step."""
     sim, advance, count = begun("mujoco", 0), MujocoPlant.advanced, [0]
@@ -238,7 +230,7 @@ def test_step_interrupted_while_the_plant_advances_is_completed(monkeypatch):
     assert equal(driven(sim), driven(begun("mujoco", 0)))
 
 
-@pytest.mark.usefixtures("interrupted")
+@pytest.mark.usefixtures("interruptible")
 def test_interrupts_end_a_run_only_between_ticks(monkeypatch):
     scenario, advance, ticks = load_scenario("hills", SHORT), MujocoPlant.advanced, []
 

@@ -15,14 +15,6 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.studies.engine import workers as pool
 
 
-@pytest.fixture
-def interruptible():
-    """Restore the default SIGINT action, which a background job of a shell and its children ignore."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
 @pytest.mark.usefixtures("interruptible")
 def test_ctrl_c_does_not_interrupt_the_start_of_a_worker():
     """Workers start within `submit`; one that finds half a message prints a traceback."""
