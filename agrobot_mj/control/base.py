@@ -141,23 +141,6 @@ class GuidanceLaw(Learner):
         return self
 
 
-class LawAround(GuidanceLaw):
-    """Base class of the guidance laws that wrap another guidance law."""
-
-    inner: GuidanceLaw
-    """Wrapped guidance law."""
-
-    def using(self, controller: "YawController") -> GuidanceLaw:
-        """Return a copy of this law whose wrapped law uses the yaw controller."""
-        inner = self.inner.using(controller)
-        return self if inner is self.inner else self.model_copy(update={"inner": inner})
-
-    @property
-    def follows_path(self) -> bool:
-        """Whether the wrapped law follows the path."""
-        return self.inner.follows_path
-
-
 YAW_COLUMNS = (
     Column("yaw_rate_ref", "rad/s", "yaw-rate reference of the guidance law, left positive"),
     Column("e_yaw_rate", "rad/s", "yaw-rate reference minus estimated yaw rate"),

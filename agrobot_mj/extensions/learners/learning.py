@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 
 from pydantic import Field
 
-from agrobot_mj.control.base import LawAround, Route, Situation
+from agrobot_mj.control.base import GuidanceLaw, Route, Situation, YawController
 from agrobot_mj.control.pid import clip
 from agrobot_mj.core.learned import LEARNED, read_learned
 from agrobot_mj.core.resources import refuse
@@ -21,9 +21,11 @@ from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.extensions.learners.lap_map import LapMap, LapState
 
 
-class LearningLaw(LawAround):
+class LearningLaw(GuidanceLaw):
     """Base class of laws that consist of an inner law and a learned part."""
 
+    inner: GuidanceLaw
+    """Wrapped guidance law."""
     max_offset_m: Positive
     """Lateral offset from the path above which learning is suspended [m]."""
     max_sigma_m: Positive = 0.1
@@ -31,6 +33,16 @@ class LearningLaw(LawAround):
     min_speed_m_s: NonNegative = 0.3
     """Minimum forward speed for learning [m/s]. Assumed value (0.1-0.5)."""
     holds_lane_change: ClassVar = True
+
+    def using(self, controller: YawController) -> GuidanceLaw:
+        """Return a copy of this law whose wrapped law uses the yaw controller."""
+        inner = self.inner.using(controller)
+        return self if inner is self.inner else self.model_copy(update={"inner": inner})
+
+    @property
+    def follows_path(self) -> bool:
+        """Whether the wrapped law follows the path."""
+        return self.inner.follows_path
 
     def sound(self, e: Estimate, offset: float) -> bool:
         """Return whether a tick is suitable for learning: motion near the path (`offset` [m]) and accurate position."""
