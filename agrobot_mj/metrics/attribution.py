@@ -89,9 +89,7 @@ class Consistency(Metric):
 
 
 def _level_sideslip(view: RunView) -> dict[str, float | None]:
-    try:
-        sideslip = view.column("sideslip_hat")
-    except (KeyError, ValueError):  # missing column
+    if (sideslip := view.reported("sideslip_hat")) is None:
         return {}
     speed = view.column("speed")
     sideways = speed * view.column("yaw_rate") + GRAVITY * np.sin(view.column("roll"))
@@ -100,9 +98,7 @@ def _level_sideslip(view: RunView) -> dict[str, float | None]:
 
 
 def _antenna_mounting(view: RunView) -> dict[str, float | None]:
-    try:
-        mounting = view.column("mounting_hat")
-    except (KeyError, ValueError):  # missing column
+    if (mounting := view.reported("mounting_hat")) is None:
         return {}
     known = mounting[np.isfinite(mounting)]
     return {"antenna_mounting": float(known[-1]) if len(known) else None}

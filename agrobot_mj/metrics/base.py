@@ -62,6 +62,13 @@ class RunView:
         """Return the values of the signal `name`, shape (ticks,), with NaN for missing values."""
         return self.log.column(name)
 
+    def reported(self, name: str) -> Array | None:
+        """Return the values of the signal `name` as `column`, or None if the signal is missing."""
+        try:
+            return self.column(name)
+        except (KeyError, ValueError):
+            return None
+
     @cached_property
     def cg_on_path(self) -> BesidePath:
         """Position of the true CG relative to the path at each tick."""

@@ -37,11 +37,8 @@ class Safety(Metric):
     def evaluate(self, view: RunView) -> dict[str, Any]:
         """Return the metrics after the first fault, or an empty dict without a fault or a supervisor."""
         faulty = np.flatnonzero(view.column("faults_active") > 0)
-        try:
-            state = view.column("supervisor_state")
-        except (KeyError, ValueError):  # missing column
-            return {}
-        if not faulty.size:
+        state = view.reported("supervisor_state")
+        if state is None or not faulty.size:
             return {}
         first, stops = int(faulty[0]), np.flatnonzero(state == Mode.STOPPING)
         speed, commanded = (np.abs(view.column(name)) for name in ("speed", "speed_ref"))

@@ -131,10 +131,9 @@ class ImplementErrors(Metric):
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
         """Return the metrics of the implement, or an empty dict for a tractor without an implement."""
-        try:
-            offset = view.beside_path("implement_x", "implement_y").offset
-        except (KeyError, ValueError):  # missing column
+        if view.reported("implement_x") is None:
             return {}
+        offset = view.beside_path("implement_x", "implement_y").offset
         return {
             "implement_xte_rms": rms(offset),
             "implement_xte_abs_p95": abs_p95(offset),
