@@ -1,7 +1,11 @@
-"""The table of public logs has one row per log and release, which is never changed."""
+"""The table of public logs has one row per log and release, which is never changed. Files are compared by intervals."""
+
+from types import SimpleNamespace
 
 import log_table
 import pytest
+
+from agrobot_mj.extensions.logs.quantities import Quantity
 
 LOGS = '[[log]]\nname = "mine"\nfiles = ["field.csv"]\nset = ["tractor.wheelbase_m=2.4"]\n'
 
@@ -41,3 +45,15 @@ def test_table_for_a_new_release_keeps_rows_of_earlier_releases(logs, monkeypatc
 def test_log_table_script_without_a_file_prints_its_usage(capsys):
     assert log_table.main(["none.toml"]) == 2
     assert "usage" in capsys.readouterr().err
+
+
+def test_files_of_a_log_are_compared_in_standard_errors(logs, capsys, monkeypatch):
+    found = iter([Quantity(10.0, 7.0, 13.0, True), Quantity(15.0, 11.0, 19.0, False)])
+    monkeypatch.setattr(log_table, "calibrate", lambda *_: SimpleNamespace(found={"steer.offset": next(found)}))
+    columns = "time_s,steer_angle_deg,speed_km_h,latitude,longitude,fix_quality"
+    logs.with_name("field.csv").write_text(f"{columns}\n0,0,1,0,0,4\n1,0,1,0,0,4\n")
+    logs.write_text(LOGS.replace('"field.csv"', '"field.csv", "field.csv"'))
+    assert log_table.main(["--files", str(logs)]) == 0
+    *_, row = capsys.readouterr().out.strip().splitlines()
+    assert row == "| `steer.offset` | 10 [7, 13] | (15 [11, 19]) | 2.0 |"
+    assert not logs.with_suffix(".md").exists()
