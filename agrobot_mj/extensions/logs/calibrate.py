@@ -42,23 +42,21 @@ AT_THE_EDGE = 0.97
 """Ratio of an estimated latency to the limit of its search range above which a calibration is rejected [-]."""
 LEAST_WINDOWS = 3  # Minimum number of windows for a calibration: 15 s of driving at speed
 SEEN_IN_SPEED = 0.9  # Minimum squared correlation of speed and positions for identifying the latency of the speed [-]
-SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale": inf, "scale_right": inf}
+SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.2, "offset": inf, "scale": inf, "scale_right": inf}
 """Maximum half widths of the intervals of identified quantities, by key [unit of the key]. Assumed values."""
 BENDS_RAD = radians(2.5)
 """Minimum standard deviation of the wheel angle at which latencies and antenna positions are identifiable [rad].
 Assumed value: without slip, corrections of 0.7 deg on a line give an antenna error of 0.13 m. Bends of 3 deg give
 0.016 m."""
-LAG_OF_TYRES_S, LAG_OF_MACHINE_S = 0.035, 0.04
-"""Half widths of latency intervals due to the lag of tyres and body, for latencies relative to a gyro and relative to
-the steering [s]. The first value times the speed applies to the antenna's distance ahead. Assumed values, from the
-simulator."""
+LAG_OF_GYRO_S, LAG_OF_STEERING_S, LAG_OF_TYRES_S = 0.01, 0.03, 0.045
+"""Half widths of latency intervals due to unmodelled lags [s]: of a heading relative to a gyro, of a heading or gyro
+relative to the steering, and of position and speed, due to tyres and body sway. The last value times the speed applies
+to the antenna's distance ahead. Assumed values, from the simulator."""
 TWO_SIGMA = 2.0  # Minimum difference between the scales of both sides, divided by its standard error [-]
 RIGHT_SIGMA = 0.3  # Prior standard deviation of the scale to the right, divided by the scale to the left [-]
 ONE_SPEED = 3.0
 """Factor on interval widths for a log with a single speed [-]. A single speed confounds steering scale, tyre parameters
 and antenna position. Assumed value."""
-SPREAD = {"speed.delay_s": 1.4}
-"""Factors on interval widths of quantities that depend on slip, by key [-]. Assumed values, from synthetic machines."""
 MOST_SCRUB = 1.2
 """Half width of the interval of the tyre scrub, divided by the scrub of the simulated tyres [-]. Assumed value: the
 scrub of real tyres is at most about twice as large."""
@@ -294,11 +292,11 @@ def _quantity(
     if name != "offset" and drive.steady:
         half *= ONE_SPEED
     if name == "delay_s":
-        lag = LAG_OF_TYRES_S if drive.gyro and key != "steer.delay_s" else LAG_OF_MACHINE_S
+        of_heading = LAG_OF_GYRO_S if drive.gyro else LAG_OF_STEERING_S
+        lag = {"heading.delay_s": of_heading, "steer.delay_s": LAG_OF_STEERING_S}.get(key, LAG_OF_TYRES_S)
         half = hypot(half, lag, drive.slip_lead if key == "speed.delay_s" else 0.0)
     if name == "ahead_m":
         half = hypot(half, drive.lag_m)
-    half *= SPREAD.get(key, 1.0)
     if name in ("scale", "scale_right"):
         middle, half = middle / (1 - drive.scrub), hypot(half, MOST_SCRUB * middle * drive.scrub)
     told = half < SURE[name] and (drive.bends or name in ("offset", "scale", "scale_right"))

@@ -24,9 +24,9 @@ from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.logs.identify.model import LateralMotion
 from agrobot_mj.extensions.logs.identify.windows import (
-    CUT_OFF_HZ,
     MASS_KG,
     PARAMETERS,
+    SPEED_CUT_OFF_HZ,
     WINDOW_S,
     FitPiece,
     VehicleData,
@@ -272,7 +272,7 @@ def _with_noise(
         (piece.recording.speed.t, data.speed_noise, of_speed),
     )
     steer, u = (np.interp(piece.t, t, sigma * random.standard_normal(len(t))) for t, sigma, random in inputs)
-    steer, u = smoothed(steer, data.play_cut_off_hz), smoothed(u, CUT_OFF_HZ)
+    steer, u = smoothed(steer, data.play_cut_off_hz), smoothed(u, SPEED_CUT_OFF_HZ)
     return piece._replace(steer=piece.steer + steer, u=piece.u + u)
 
 

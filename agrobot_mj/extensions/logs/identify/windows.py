@@ -26,7 +26,10 @@ from agrobot_mj.extensions.logs.series import TimeSeries, axle_speed, scatter
 
 WINDOW_S = 5.0  # Length of a window [s]: longer than the dynamics, and short enough for many windows per minute
 CUT_OFF_HZ = 3.0
-"""Cut-off frequency of the low-pass filter of the inputs [Hz]. Noise above this frequency would act like a lag."""
+"""Cut-off frequency of the low-pass filter of the wheel angle [Hz]. Noise above this frequency would act like a lag."""
+SPEED_CUT_OFF_HZ = 1.0
+"""Cut-off frequency of the low-pass filter of the speed [Hz]: above the accelerations of tractors. With 3 Hz, noise of
+a GNSS speed resembles accelerations, and fits of one machine differ by 0.2 s in the latency of position and speed."""
 PLAY_CUT_OFF_HZ = (2.0, 8.0)
 """Range of the cut-off frequency of the filter before the play [Hz]. High values preserve sharp steering reversals."""
 PLAYING = radians(0.1)
@@ -61,7 +64,7 @@ class FitPiece(NamedTuple):
     recording: FieldRecording
     t: Array  # Times [s]
     steer: Array  # Recorded wheel angle after a low-pass filter with `VehicleData.play_cut_off_hz` [rad]
-    u: Array  # Recorded speed of rear axle or antenna after a low-pass filter with `CUT_OFF_HZ` [m/s]
+    u: Array  # Recorded speed of rear axle or antenna after a low-pass filter with `SPEED_CUT_OFF_HZ` [m/s]
     yaw_rate: Array | None
     """Recorded yaw rate of gyro or heading [rad/s] if the recorded speed is that of the antenna. Otherwise None."""
     heading: Callable[[Array], Array] | None
@@ -166,7 +169,7 @@ def _piece(recording: FieldRecording, windows: slice, cut_off: float) -> FitPiec
             rate = None  # the course rate differs from the yaw rate of a machine with its antenna ahead
         elif heading and recording.yaw_rate_source == "heading":  # sharper than the derivative of local cubic fits
             rate = np.gradient(smoothed(heading(t), CUT_OFF_HZ), STEP_S)
-    return FitPiece(recording, t, steer, smoothed(u, CUT_OFF_HZ), rate, heading, windows)
+    return FitPiece(recording, t, steer, smoothed(u, SPEED_CUT_OFF_HZ), rate, heading, windows)
 
 
 def _white_noise(recordings: Sequence[FieldRecording], part: str) -> float:
