@@ -330,7 +330,7 @@ BAD = [
     (["ros2", "circle", "--pace", "slow"], "--pace"),
     (["explain", "tractor.wheelbase"], "did you mean 'tractor.wheelbase_m'"),
     (["init", "\udcff"], "the text is not valid UTF-8"),
-    (["init", "broken"], "broken.toml: already exists"),
+    (["init", "broken"], "broken.toml: the file already exists"),
     (["init", "nowhere/mine"], "nowhere/mine.toml"),
     (["view", "missing.rrd"], "missing.rrd: no such file"),
     (["view", "broken.toml"], "not a Rerun recording"),

@@ -72,11 +72,14 @@ CarcassShare = Annotated[float, Field(ge=0.05, le=2)]
 """Stiffness of a tyre carcass divided by the vertical stiffness of the tyre [-]."""
 
 
+NOT_TICKS = f"is not a multiple of the {TICK_S} s tick"  # Part of the message for a time between two ticks
+
+
 def whole_ticks(seconds: float) -> float:
     """Return the time `seconds` unchanged. Raises ValueError unless the time is a whole number of ticks."""
     ticks = round(seconds / TICK_S)
     if not isclose(seconds, ticks * TICK_S, abs_tol=1e-9):
-        raise ValueError(f"{seconds} is not a multiple of the {TICK_S} s tick; try {ticks * TICK_S:g}")
+        raise ValueError(f"{seconds} {NOT_TICKS}; try {ticks * TICK_S:g}")
     return seconds
 
 

@@ -236,7 +236,7 @@ def test_existing_file_is_not_overwritten_by_the_template(tmp_path, monkeypatch)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text("seed = 4")
     for name in ("mine", "mine.toml"):
-        with pytest.raises(ScenarioError, match=r"^mine\.toml: already exists"):
+        with pytest.raises(ScenarioError, match=r"^mine\.toml: the file already exists"):
             write_template(name)
     assert (tmp_path / "mine.toml").read_text() == "seed = 4"
 

@@ -241,7 +241,7 @@ def test_heightmap_file_is_not_read_beyond_the_size_limit(tmp_path):
 def test_error_for_heights_in_the_wrong_unit_suggests_a_scale(tmp_path):
     np.save(tmp_path / "feet.npy", 1000 * HILL)
     with pytest.raises(
-        ValueError, match=r"^scale: feet\.npy rises 500 m between nodes 1 m apart.*at most 0\.0034 fits"
+        ValueError, match=r"^scale: feet\.npy rises 500 m between nodes 1 m apart.*set a scale of at most 0\.0034"
     ):
         Heightmap(file=str(tmp_path / "feet.npy")).ground()
     assert Heightmap(file=str(tmp_path / "feet.npy"), scale=0.0034).ground().steepest < tan(radians(60))

@@ -29,7 +29,7 @@ def play(
     no_rrd: NoRrd = False,
     quiet: Quiet = False,
 ) -> Answer:
-    """Drive the tractor in a browser, manually or under a guidance law.
+    """Drive the tractor in a browser, manually or automatically.
 
     Press Ctrl-C to end. Each drive is saved as a run; `agrobot-mj run` on its scenario repeats it.
     """

@@ -217,5 +217,5 @@ def test_relaxation_length_too_long_to_measure_is_rejected(tmp_path, radii):
         def structure(self):
             return Structure(radii, 0.02)
 
-    with pytest.raises(ValueError, match="relaxation length must be at most 10 radii"):
+    with pytest.raises(ValueError, match="relaxation length must be at most 10 wheel radii"):
         Rig(Long(), TractorParameters())

@@ -177,7 +177,7 @@ def test_interrupt_saves_the_drive_and_ends_the_command(tmp_path):
     lines = []
     threading.Thread(target=lambda: lines.extend(iter(command.stderr.readline, "")), daemon=True).start()
     end = time.monotonic() + 120
-    while not any("drive at http://127.0.0.1" in line for line in lines):
+    while not any("open http://127.0.0.1" in line for line in lines):
         assert command.poll() is None, lines
         assert time.monotonic() < end, lines
         time.sleep(0.1)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.core.spec import NOT_TICKS
 from agrobot_mj.extensions.search.limit.condition import Condition
 from agrobot_mj.extensions.search.limit.interval import runs_needed
 from agrobot_mj.metrics.success import COMPLETED
@@ -153,7 +154,7 @@ def as_value(scenario: Scenario, key: str, value: float) -> float:
     try:
         scenario.changed({key: tidy}, files=False)
     except ScenarioError as error:
-        if f"whole number of {TICK_S} s ticks" in str(error):
+        if NOT_TICKS in str(error):
             return float(f"{round(value / TICK_S) * TICK_S:.10g}")
         if "whole number" in str(error):
             return round(value)
