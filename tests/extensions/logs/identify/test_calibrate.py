@@ -185,9 +185,7 @@ def exchanged(table):
 
 
 def test_comparison_with_the_gyro_rejects_swapped_position_axes(log):
-    told = (
-        r"the positions turn right where the gyro turns left; check whether the east and north columns"
-    )
+    told = r"the positions turn right where the gyro turns left; check whether the east and north columns"
     with pytest.raises(FieldLogError, match=told):
         calibrate([exchanged(log.signals)], None, BICYCLE)
 
