@@ -59,7 +59,7 @@ def found(file: Path, kind: str) -> tuple[tuple[float, ...], bool]:
         west, south, east, north = boundary.bounds
         return (east - west, north - south, boundary.area / 1e4), False
     points, notes = track(stamped(str(file), (), MAX_BYTES), "", False)
-    points, thinned = points[:, :2], any("thinned" in note for note in notes)
+    points, thinned = points[:, :2], any("reduced from" in note for note in notes)
     return (*np.ptp(points, axis=0).tolist(), float(np.hypot(*np.diff(points, axis=0).T).sum())), thinned
 
 
