@@ -29,6 +29,7 @@ from agrobot_mj.extensions.logs.steering import (
     centre_of,
     line_of,
     moved,
+    standard_error,
     turning,
     two_sided,
 )
@@ -71,7 +72,7 @@ class LogHealth(NamedTuple):
         if not others:
             return first
         values = [each.value for each in (first, *others)]
-        return SteeringCentre(float(np.mean(values)), float(np.std(values, ddof=1)) / sqrt(len(values)))
+        return SteeringCentre(float(np.mean(values)), standard_error(values))
 
 
 def health(recording: FieldRecording) -> LogHealth:

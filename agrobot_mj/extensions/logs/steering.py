@@ -7,7 +7,7 @@ because one line would shift the centre.
 """
 
 from collections.abc import Sequence
-from math import degrees, hypot, radians, sqrt
+from math import degrees, hypot, inf, radians, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -193,7 +193,12 @@ def centre_of(kept: Sequence[FieldRecording], wheelbase: float, rough: RoughStee
     centre, weight = rough.less_wheel(read, found.angle), found.weight**2
     split = (np.array_split(each, min(BLOCKS, len(centre))) for each in (centre, weight))
     blocks = [np.average(values, weights=weights) for values, weights in zip(*split, strict=True)]
-    return SteeringCentre(float(np.average(centre, weights=weight)), float(np.std(blocks, ddof=1)) / sqrt(len(blocks)))
+    return SteeringCentre(float(np.average(centre, weights=weight)), standard_error(blocks))
+
+
+def standard_error(values: Sequence[float]) -> float:
+    """Return the standard error of the mean of independent values, or infinity for one value."""
+    return float(np.std(values, ddof=1)) / sqrt(len(values)) if len(values) > 1 else inf
 
 
 def moved(centres: Sequence[SteeringCentre], rough: RoughSteering) -> bool:

@@ -8,7 +8,7 @@ from field_logs import WHEELBASE_M, field_log, field_map, path
 
 from agrobot_mj.extensions.logs.health import health_lines
 from agrobot_mj.extensions.logs.replay.result import replay
-from agrobot_mj.extensions.logs.steering import RoughSteering, SteeringCentre, moved
+from agrobot_mj.extensions.logs.steering import RoughSteering, SteeringCentre, moved, standard_error
 from agrobot_mj.extensions.logs.words import doubts
 from agrobot_mj.scenario.loading import load_scenario
 
@@ -63,7 +63,7 @@ def test_scatter_of_the_steering_centre_is_not_reported_as_a_movement():
     assert not any("moves by" in line for line in lines_of(columns))
 
 
-@pytest.mark.parametrize(("error", "expected"), [(0.5, True), (4.0, False)])
+@pytest.mark.parametrize(("error", "expected"), [(0.5, True), (4.0, False), (standard_error([432.0]), False)])
 def test_centres_within_three_standard_errors_have_not_moved(error, expected):
     line = RoughSteering(centre=432.0, scale=np.radians(SCALE), age=0.0, explained=1.0)
     assert moved([SteeringCentre(432.0, error), SteeringCentre(452.0, error)], line) == expected
