@@ -66,7 +66,7 @@ class Bend(NamedTuple):
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Centre of the arc: distances ahead of the start of the bend and to the side [m]."""
+        """Centre of the arc, ahead of the start of the bend and towards the inside of the bend [m]."""
         x, y, turned = spiral(self.clothoid, self.curvature)
         return x - sin(turned) * self.radius, y + cos(turned) * self.radius
 

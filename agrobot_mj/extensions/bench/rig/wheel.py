@@ -65,7 +65,7 @@ class TestBench(Protocol):
 
 @jit
 def drive_wheel(tyres: TyreSet, i: int, ground: Ground, setting: Setting, dt: float, out: Array) -> None:
-    """Simulate a step per row of `out` (steps, 5), from undeflected bristles. Columns are the fields of `Reading`."""
+    """Simulate the rig wheel from undeflected bristles, and write one `Reading` per step to `out`, shape (steps, 5)."""
     deflection = setting.load / tyres.stiffness[i]
     r_e = tyres.radius[i] - deflection / 3.0
     centre = (0.0, 0.0, tyres.radius[i] - deflection)
