@@ -1,11 +1,11 @@
 """Calibration of the sensors of a log: centre, scale and sign of the steering, latencies, mounting, antenna position.
 
-One fit estimates all of these quantities together with tyre slip and steering play (`identify.fit`). With priors,
+One fit estimates all of these quantities together with tyre slip and steering play (`identify.fit`). Because of priors,
 parameters that slow driving does not excite have wide intervals and do not bias other parameters. The wheelbase must be
-known, because slow driving only identifies the scale divided by the wheelbase. Latencies are relative to the gyro or,
+known, because slow driving identifies only the scale divided by the wheelbase. Latencies are relative to the gyro or,
 without a gyro, to the steering.
 
-Initial values come from a regression without slip (`steering`), which also detects different scales to both sides.
+Initial values come from a regression without slip (`steering`), which also detects different left and right scales.
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,29 +44,32 @@ LEAST_WINDOWS = 3  # Minimum number of windows for a calibration: 15 s of drivin
 SEEN_IN_SPEED = 0.9  # Minimum squared correlation of speed and positions for identifying the latency of the speed [-]
 SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.2, "offset": inf, "scale": inf, "scale_right": inf}
 """Maximum half widths of the intervals of identified quantities, by key [unit of the key]. Assumed values."""
+SURE_HEADING_RAD = radians(5.0)
+"""Maximum half width of the interval of an identified heading offset [rad], if the interval includes the offset in the
+map. Assumed value."""
 BENDS_RAD = radians(2.5)
 """Minimum standard deviation of the wheel angle at which latencies and antenna positions are identifiable [rad].
-Assumed value: without slip, corrections of 0.7 deg on a line give an antenna error of 0.13 m. Bends of 3 deg give
-0.016 m."""
+Assumed value: without slip, steering angles of 0.7 deg give an error of the antenna position of 0.13 m, and angles
+of 3 deg give 0.016 m."""
 LAG_OF_GYRO_S, LAG_OF_STEERING_S, LAG_OF_TYRES_S = 0.01, 0.03, 0.045
 """Half widths of latency intervals due to unmodelled lags [s]: of a heading relative to a gyro, of a heading or gyro
-relative to the steering, and of position and speed, due to tyres and body sway. The last value times the speed applies
-to the antenna's distance ahead. Assumed values, from the simulator."""
+relative to the steering, and of position and speed, due to tyres and body roll. The last value times the speed is
+the half width for the antenna's distance ahead. Assumed values, from the simulator."""
 TWO_SIGMA = 2.0  # Minimum difference between the scales of both sides, divided by its standard error [-]
 RIGHT_SIGMA = 0.3  # Prior standard deviation of the scale to the right, divided by the scale to the left [-]
 ONE_SPEED = 3.0
 """Factor on interval widths for a log with a single speed [-]. A single speed confounds steering scale, tyre parameters
 and antenna position. Assumed value."""
 MOST_SCRUB = 1.2
-"""Half width of the interval of the tyre scrub, divided by the scrub of the simulated tyres [-]. Assumed value: the
-scrub of real tyres is at most about twice as large."""
+"""Half width of the interval of the tyre scrub, divided by the scrub of the simulated tyres [-]. Assumed value: real
+tyres scrub up to twice as much."""
 SLIP_LEAD = 1 / 30
 """Half width of the interval of a wheel-speed latency due to slip of accelerating wheels, divided by the speed [s2/m].
-Assumed value (tyres on firm ground: 1/60)."""
+Assumed value: twice the value of tyres on firm ground."""
 
 
 class _Drive(NamedTuple):
-    """Properties of the motion in a log that limit the identifiability of parameters."""
+    """Properties of the motion in a log that determine which parameters are identifiable."""
 
     wander: float  # Half width of the interval of the mean heading drift of two antennas [rad]
     bends: bool  # Whether latencies and antenna positions are identifiable
@@ -101,24 +104,24 @@ class Calibration(NamedTuple):
 
     @property
     def units(self) -> dict[str, str]:
-        """Units of estimated quantities whose unit is defined by the map, by map key."""
+        """Units of the estimated quantities that depend on a unit in the map, by map key."""
         units = dict.fromkeys(("steer.scale", "steer.scale_right"), f"{self.steer.unit} per reading")
         return units | ({"heading.offset": self.log_map.heading.unit} if self.log_map.heading else {})
 
     @property
     def centre_error(self) -> float:
-        """Wheel angle error due to the error of the steering centre in the original map [rad], left positive."""
+        """Wheel angle error due to the error of the steering centre in the original map [rad], positive to the left."""
         scale = self.rough.scale * self.fit.values["steer_scale"]
         return scale * (self.steer.offset - self.found["steer.offset"].value)
 
     @property
     def heading_error(self) -> float | None:
-        """Angle from the true to the recorded heading, left positive [rad], or None if not identified."""
+        """Angle from the true to the recorded heading [rad], positive to the left, or None if not identified."""
         return self.fit.values.get("heading_offset")
 
     @property
     def two_scales(self) -> bool:
-        """Whether the sensor has different scales to the left and to the right."""
+        """Whether the steering sensor has different scales to the left and to the right."""
         right, error = (each.get("steer_right") for each in (self.fit.values, self.fit.errors))
         return right is not None and error is not None and abs(right - 1.0) > TWO_SIGMA * error
 
@@ -137,7 +140,8 @@ class Calibration(NamedTuple):
 def calibrate(
     sources: Sequence[Source], log_map: LogMap | None, scenario: Scenario, start_s: float = 0.0, end_s: float = inf
 ) -> Calibration:
-    """Calibrate the sensors of logs with a common map. The wheelbase is that of `scenario`. Raises `FieldLogError`."""
+    """Calibrate the sensors of logs with a common map. The scenario gives the wheelbase. Raises `FieldLogError` for
+    unsuitable logs."""
     m = steered_map(sources[0], log_map)
     cut = read_pieces(sources, m, scenario.tractor.antenna_height_m, start_s, end_s, readings=True)
     return calibrated(cut, m, scenario)
@@ -152,7 +156,8 @@ def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
 
 
 def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
-    """Calibrate the sensors from segments whose wheel angle is the raw sensor value. Raises `FieldLogError`."""
+    """Calibrate sensors from segments with raw sensor values as wheel angles. Raises `FieldLogError` for unsuitable
+    logs."""
     t = scenario.tractor
     check_columns(cut.kept)
     rough = rough_steering(cut.kept, t.wheelbase_m)
@@ -164,15 +169,15 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
     result = fit(data, (*_names(data), *sides), known)
     if not 1 / SLIPPED < (more := result.values["steer_scale"]) < SLIPPED:
         raise FieldLogError(
-            f"{angles[0].name}: a model with tyre slip requires {more:.2g} times the steering angle of a straight-line "
-            "fit, which is not plausible; check that [steer] is the wheel angle, that the columns of [steer] and "
+            f"{angles[0].name}: a model with tyre slip requires {more:.2g} times the steering angle of a model without "
+            "slip, which is not plausible; check that [steer] is the wheel angle, that the columns of [steer] and "
             "[yaw_rate] are not swapped, and that the wheel angle in bends exceeds the steering play"
         )
     for part in ("steer", "heading", "position", "speed"):
         if abs(age := result.values.get(f"{part}_delay_s", 0.0)) > AT_THE_EDGE * PARAMETERS[f"{part}_delay_s"].high:
             raise FieldLogError(
                 f"{angles[0].name}: the latency of [{part}] is at the limit of its search range, {age:+.1f} s from "
-                f"the value of the map; set {part}.delay_s closer to the true value and calibrate again"
+                f"the value in the column map; set {part}.delay_s closer to the true value and calibrate again"
             )
     slow, fast = slow_and_fast(cut.kept)
     lead, lag_m = (each * (slow + fast) / 2 for each in (SLIP_LEAD * (log_map.speed.of == "wheel"), LAG_OF_TYRES_S))
@@ -186,12 +191,12 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
 
 
 def _spread(angles: Sequence[FieldRecording]) -> float:
-    """Return the standard deviation of the wheel angle in all segments [rad]."""
+    """Return the standard deviation of the wheel angle over all segments [rad]."""
     return float(np.std(np.concatenate([each.steer.value for each in angles if each.steer is not None])))
 
 
 def _names(data: VehicleData) -> tuple[str, ...]:
-    """Return the names of the fitted parameters. Latencies are relative to the gyro or else to the steering."""
+    """Return the names of fitted parameters. Latencies are relative to the gyro or, without a gyro, the steering."""
     channels = set(data.channels)
     ages = {"steer_delay_s": "yaw_rate", "heading_delay_s": "heading", "position_delay_s": "position"}
     if _speed_explained([piece.recording for piece in data.pieces]) > SEEN_IN_SPEED:
@@ -203,8 +208,8 @@ def _names(data: VehicleData) -> tuple[str, ...]:
 def _speed_explained(recordings: Sequence[FieldRecording]) -> float:
     """Return the fraction of the variance of distances between positions that the recorded speed explains [-].
 
-    The fraction is the maximum over all latencies of the speed. At nearly constant speed, noise dominates the variance
-    and the fraction is low.
+    The fraction is the maximum over the speed latencies `AGES_S`. At nearly constant speed, noise dominates the
+    variance and the fraction is low.
     """
     ways = [_ways(each.position, each.speed) for each in recordings if each.position and len(each.position.t)]
     if not ways:
@@ -214,8 +219,8 @@ def _speed_explained(recordings: Sequence[FieldRecording]) -> float:
 
 
 def _ways(position: TimeSeries, speed: TimeSeries) -> Array:
-    """Return distances travelled in intervals of `CHORD_S` [m], shape (1 + latencies, n). Row 0 contains the distances
-    between positions. The other rows contain the integrated speed, one row for each latency of `AGES_S`."""
+    """Return the distances travelled in intervals of `CHORD_S` [m], shape (1 + latencies, n). Row 0 contains the
+    distances between positions. The other rows contain the integrated speed, one row for each latency of `AGES_S`."""
     t, chord = chords(position, CHORD_S)
     way = cumulative_trapezoid(np.abs(speed.value), speed.t, initial=0)
     return np.stack([chord, *(np.diff(np.interp(t - age, speed.t, way)) for age in AGES_S)])
@@ -257,6 +262,10 @@ def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -
     if left and m.position and "of" not in m.speed.model_fields_set and not left.excludes(m.position.left_m):
         # with the speed of the antenna, the length of its track is the integral of the speed at any place
         known["position.left_m"] = left._replace(identified=False)
+    offset = known.get("heading.offset")
+    if offset and m.heading and not offset.excludes(m.heading.offset):
+        half = ANGLES[m.heading.unit] * offset.half
+        known["heading.offset"] = offset._replace(identified=half < SURE_HEADING_RAD)
     return known
 
 
@@ -264,7 +273,7 @@ def _wander(data: VehicleData) -> float:
     """Return the half width of the interval of the mean drift of a dual-antenna heading [rad].
 
     The mean drift cannot be distinguished from a mounting angle. Over T time constants, the variance of the mean of a
-    first-order process is 2 / T (1 - (1 - e^-T) / T) times the process variance.
+    first-order process is 2 / T (1 - (1 - e^-T) / T) times the variance of the process.
     """
     if "heading" not in data.channels:
         return 0.0
@@ -281,7 +290,7 @@ def _quantity(
     index: dict[str, int],
     drive: _Drive,
 ) -> Quantity:
-    """Return a quantity with its interval. `slopes` contains its derivatives with respect to the fitted parameters."""
+    """Return a quantity with its interval. `slopes` are its derivatives with respect to the fitted parameters."""
     if not slopes.keys() <= index.keys():  # the fit omits latencies that the log cannot identify
         return Quantity(middle, middle - 2 * DELAY_S, middle + 2 * DELAY_S, False)
     gradient = np.zeros(len(index))

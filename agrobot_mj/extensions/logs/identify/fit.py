@@ -1,15 +1,15 @@
 """Fit of the lateral dynamics and of the sensors to recordings, with the uncertainty of the estimates.
 
-Residuals of gyro yaw rate, heading and position are computed in windows of some seconds. Predictions are aligned with
-the recording in each window, because otherwise the drift of an open-loop simulation would dominate (`predictions`).
-Errors of RTK positions and of recorded inputs are correlated over many samples. Therefore all residuals are whitened by
-an autoregression (generalised least squares, three rounds). Residuals due to shifts and rotations of windows are then
-removed. The covariance comes from a bootstrap of complete windows and from noise added to the recorded steering angle
-and speed.
+Residuals of gyro yaw rate, heading and position are computed in windows of several seconds. Predictions are aligned
+with the recording in each window, because otherwise the drift of an open-loop simulation would dominate
+(`predictions`). Errors of RTK positions and of recorded inputs are correlated over many samples. Therefore all
+residuals are whitened by an autoregression (generalised least squares, three rounds). The components due to shifts and
+rotations of windows are then removed. The covariance comes from a bootstrap of complete windows and from noise added to
+the recorded steering angle and speed.
 
-Stiffnesses C are fitted as compliances 1/C, because the understeer gradient is linear in compliances. The interval of
-an unidentifiable stiff axle includes zero compliance. Quantities that a recording may not identify have a normal prior,
-which acts as an additional measurement in the fit and in the covariance.
+Stiffnesses C are fitted as compliances 1/C, because the understeer gradient is linear in compliances. The interval of a
+stiff axle that is not identifiable includes zero compliance. Quantities that might not be identifiable have a normal
+prior, which acts as an additional measurement in the fit and in the covariance.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -37,18 +37,21 @@ from agrobot_mj.extensions.logs.identify.windows import (
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 
 MEMORY_S = 0.4
-"""Time span of the autoregressive model of residuals [s]. Its order is limited to `LEAST_ORDER` to `MOST_ORDER`."""
+"""Time span of the autoregressive model of residuals [s]. The model order is from `LEAST_ORDER` to `MOST_ORDER`."""
 LEAST_ORDER, MOST_ORDER = 2, 8
+SHORT = 12
+"""Number of evaluations of a second fit in the last round. This fit starts at the initial values and shows whether the
+first rounds, with their preliminary noise models, have led to a worse local minimum."""
 ROUNDS = 3  # Number of rounds of whitening and fitting. Two rounds suffice for convergence.
 SLOW_S = 60.0
-"""Maximum time difference between windows with correlated errors [s], limited to a third of the log."""
+"""Maximum time difference between windows with correlated errors [s], at most a third of the log."""
 DRAWS = 12  # Number of noise realisations added to the recorded angle and speed
 NUISANCE = ("gyro_offset", "heading_offset", "speed_error")
 """Nuisance parameters, which are fitted if identifiable but not reported."""
 
 
 class Prior(NamedTuple):
-    """Normal prior distribution of a quantity."""
+    """Normal prior distribution of a fitted quantity."""
 
     mean: float
     sigma: float  # Standard deviation of the prior
@@ -71,12 +74,12 @@ class VehicleFit(NamedTuple):
 
     @property
     def errors(self) -> dict[str, float]:
-        """Standard errors of the parameters by name."""
+        """Standard errors of the fitted parameters by name."""
         return dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
     @property
     def values(self) -> dict[str, float]:
-        """Values of the parameters by name."""
+        """Values of the fitted parameters by name."""
         return dict(zip(self.names, self.value.tolist(), strict=True))
 
 
@@ -93,7 +96,7 @@ def whitened(series: Array, noise: Autoregression) -> Array:
 
 
 def noise_of(residuals: Array, spacing: float) -> Autoregression:
-    """Return an autoregressive model with time span `MEMORY_S` for residuals (windows, n, ...) every `spacing` [s]."""
+    """Return an autoregressive model with time span `MEMORY_S` for residuals (windows, n, ...) at a `spacing` [s]."""
     if residuals.ndim == 3:
         residuals = np.concatenate([residuals[..., 0], residuals[..., 1]])
     order, n = int(np.clip(round(MEMORY_S / spacing), LEAST_ORDER, MOST_ORDER)), residuals.shape[1]
@@ -118,7 +121,7 @@ class Problem:
         return [motion(p, self.data, piece) for piece in self.data.pieces]
 
     def _freedoms(self) -> Iterator[tuple[str, list[Array]]]:
-        """Yield each channel with free initial values, and its derivatives with respect to these values."""
+        """Yield each channel with free initial values, and its derivatives with respect to the initial values."""
         if heading := self.data.channels.get("heading"):
             yield "heading", [np.ones_like(heading.value)]
         if position := self.data.channels.get("position"):
@@ -133,7 +136,7 @@ class Problem:
         return np.linalg.qr(np.stack(white, axis=2))[0]
 
     def blocks(self, x: Array) -> Array:
-        """Return whitened residuals (windows, samples) without components due to initial values of windows."""
+        """Return whitened residuals (windows, samples) without components due to the initial values of windows."""
         p = dict(zip(self.names, x.tolist(), strict=True))
         model, parts = predictions(p, self.data, self.motions(tuple(x[self.dynamic].tolist()))), []
         for name, channel in self.data.channels.items():
@@ -174,23 +177,16 @@ def _units(names: Sequence[str], mass: float, priors: Mapping[str, Prior]) -> _U
 
 
 def fit(data: VehicleData, names: Sequence[str], priors: Mapping[str, Prior] | None = None) -> VehicleFit:
-    """Fit the `PARAMETERS` selected by `names`, in three rounds of fit and whitening."""
+    """Fit the parameters `names`, which are keys of `PARAMETERS`, in three rounds of fitting and whitening."""
     names = tuple(dict.fromkeys((*names, *(n for n in NUISANCE if _seen(n, data)))))
     units = _units(names, data.chassis.mass, priors or {})
     scale, x = units.scale, units.start
     noise = {k: Autoregression(np.zeros(LEAST_ORDER), 0.01) for k in data.channels}
     for last in (*[False] * (ROUNDS - 1), True):
         problem = Problem(data, names, noise)
-        # scaled by typical magnitudes, because the solver's tolerance applies to the norm of all parameters
-        result: OptimizeResult = least_squares(
-            lambda z, problem=problem: np.concatenate([problem.blocks(z * scale).ravel(), units.known(z * scale)]),
-            np.clip(x, units.low + 1e-3 * scale, units.high) / scale,
-            bounds=(units.low / scale, units.high / scale),
-            diff_step=1e-3,
-            xtol=1e-6,
-            ftol=1e-9 if last else 1e-5,
-            max_nfev=60,
-        )
+        result = _minimum(problem, units, x, 1e-9 if last else 1e-5)
+        if last and (other := _minimum(problem, units, units.start, 1e-5, SHORT)).cost < result.cost:
+            result = _minimum(problem, units, other.x * scale, 1e-9)
         x = result.x * scale
         found = predictions(dict(zip(names, x.tolist(), strict=True)), data)
         noise = {k: noise_of(found[k] - channel.value, channel.spacing) for k, channel in data.channels.items()}
@@ -204,6 +200,23 @@ def fit(data: VehicleData, names: Sequence[str], priors: Mapping[str, Prior] | N
         covariance[names.index("backlash"), names.index("backlash")] += data.steer_noise**2
     x = np.clip(x - shift * scale, units.low, units.high)
     return VehicleFit(names, x, covariance, data.windows - 1)
+
+
+def _minimum(problem: Problem, units: _Units, start: Array, ftol: float, evaluations: int = 60) -> OptimizeResult:
+    """Return the local minimum of the squared residuals near `start`, as scaled parameters.
+
+    The parameters are scaled, because the tolerance of the solver applies to their norm.
+    """
+    scale = units.scale
+    return least_squares(
+        lambda z: np.concatenate([problem.blocks(z * scale).ravel(), units.known(z * scale)]),
+        np.clip(start, units.low + 1e-3 * scale, units.high) / scale,
+        bounds=(units.low / scale, units.high / scale),
+        diff_step=1e-3,
+        xtol=1e-6,
+        ftol=ftol,
+        max_nfev=evaluations,
+    )
 
 
 def _jacobian(problem: Problem, x: Array, units: _Units) -> Array:
@@ -221,10 +234,10 @@ def _bootstrap(J: Array, r: Array, information: Array, known: Array) -> Array:
 
     The bootstrap resamples the residuals of complete windows, with all channels together. The covariance thus includes
     correlations that the autoregression misses, and correlations between channels. The residuals of a window come from
-    a fit without this window, because a fit to few windows is overfitted. The variance of the sum over windows w of
-    J_w' r_v (v: a random window) is the sum over w of the mean over v of (J_w' r_v)(J_w' r_v)'. Priors add their
-    information. If neighbouring windows are correlated (slow errors of two antennas), variances are increased by the
-    autocorrelations up to `SLOW_S`, with Bartlett's window [NeweyWest1987].
+    a fit without this window, because a fit to few windows underestimates its own residuals. The variance of the sum
+    over windows w of J_w' r_v (v: a random window) is the sum over w of the mean over v of (J_w' r_v)(J_w' r_v)'.
+    Priors add their information. If neighbouring windows are correlated (slow errors of two antennas), variances are
+    increased by the autocorrelations up to `SLOW_S`, with Bartlett's window [NeweyWest1987].
     """
     left_out = np.stack([e + j @ np.linalg.solve(information - j.T @ j, j.T @ e) for j, e in zip(J, r, strict=True)])
     g = np.einsum("wnp,vn->wvp", J, left_out)
@@ -239,7 +252,7 @@ def _bootstrap(J: Array, r: Array, information: Array, known: Array) -> Array:
 
 
 def _noisy_input(problem: Problem, x: Array, units: _Units, information: Array) -> tuple[Array, Array]:
-    """Return bias and covariance of the scaled parameters due to noise of the recorded inputs.
+    """Return the bias and covariance of the scaled parameters due to noise in the recorded inputs.
 
     Noise with the estimated standard deviation is added to the inputs, and one step of the fit follows. To first order,
     the resulting parameter change equals the effect of the noise already present [Cook1994].
@@ -283,10 +296,10 @@ def _seen(nuisance: str, data: VehicleData) -> bool:
 
 
 SLIP_AT_LOAD = Prior(0.1, 0.08)
-"""Prior of the slip angle at which the lateral force of a linear tyre equals its load [rad]. The inverse, stiffness
-divided by load, is 5-25 1/rad on roads and 2-10 1/rad on soil."""
+"""Prior of the slip angle at which the lateral force of a linear tyre equals its load [rad]. The inverse is the
+stiffness divided by the load: 5-25 1/rad on roads and 2-10 1/rad on soil."""
 RELAXATION = Prior(1.0, 1.0)
-"""Prior of the relaxation length divided by the wheel radius [-]: 0.25 on turf at low speed, up to 3 in literature."""
+"""Prior of the relaxation length divided by the wheel radius [-]: from 0.25 (turf at low speed) to 3 (literature)."""
 BACKLASH = Prior(0.0, radians(1.5))  # Prior of the steering play [rad]
 SPEED_ERROR = Prior(0.0, 0.02)  # Prior of the relative error of the speed [-]
 DELAY_S = 0.3  # Prior standard deviation of a latency [s]
@@ -295,7 +308,7 @@ LEAN_S2 = Prior(0.02, 0.03)
 """Prior of the outward antenna shift due to roll, divided by the lateral acceleration [s2]. The ratio is 0 with tilt
 correction, 0.014 for the compact tractor and 0.045 for a narrow tractor."""
 CENTRE, SCALE = Prior(0.0, radians(5.0)), Prior(1.0, 0.2)
-"""Priors of steering centre [rad] and steering scale [-], relative to the regression without slip."""
+"""Priors of steering centre [rad] and steering scale [-], relative to the result of a regression without slip."""
 
 
 def priors(tractor: TractorParameters, age: float) -> dict[str, Prior]:
