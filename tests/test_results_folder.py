@@ -254,7 +254,7 @@ def test_dangling_link_as_output_folder_is_rejected(call):
     Path("out").symlink_to("nowhere")
     status, err = call("run", "circle", *QUICK)
     assert status == 2
-    assert "--out out: is a broken link" in err
+    assert "--out out: the folder is a broken link" in err
 
 
 def test_written_files_have_the_default_permissions_of_the_user():

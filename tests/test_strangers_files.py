@@ -206,7 +206,7 @@ def test_truncated_results_folder_marker_does_not_prevent_a_new_run(place):
     assert {path.name for path in (place / "out").iterdir()} == {MARK, "metrics.json"}
 
 
-def test_empty_results_folder_marker_permits_writing_to_the_folder(call, place):
+def test_empty_marker_file_permits_writing_to_a_results_folder(call, place):
     full(place / "old")
     arguments = ("run", "circle", *BICYCLE, "--no-rrd", "--out", "old")
     status, _, err = call(*arguments)
@@ -238,7 +238,7 @@ def test_recording_from_python_keeps_other_files(place):
     before = contents(place)
     run(load_scenario("circle", {"duration_s": 0.2, "plant.kind": "bicycle"}), (Recording(Path(RECORDING)),))
     assert {path: content for path, content in contents(place).items() if path != place / RECORDING} == before
-    with pytest.raises(ScenarioError, match=r"metrics.json: was not written by agrobot-mj"):
+    with pytest.raises(ScenarioError, match=r"metrics.json was not written by agrobot-mj"):
         write_log(run(load_scenario("circle", {"duration_s": 0.2, "plant.kind": "bicycle"})), place)
     assert contents(place).items() >= before.items()
 

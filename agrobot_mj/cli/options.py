@@ -1,4 +1,4 @@
-"""Arguments and options shared by commands, conversion of their texts to values, and the result of a command."""
+"""Arguments and options shared by commands, conversion of their texts to values, and the result class of commands."""
 
 import json
 import os
@@ -43,14 +43,14 @@ Plugins = Annotated[
 
 
 def number(value: float | None) -> float | None:
-    """Return a number, which may be infinite. Reject NaN."""
+    """Return the number of an option, which may be infinite. Raises BadParameter for NaN."""
     if value is not None and isnan(value):
         raise typer.BadParameter("is not a number")
     return value
 
 
 def finite(value: float | None) -> float | None:
-    """Return a finite number. Reject NaN and infinite values, including values that overflow."""
+    """Return the finite number of an option. Raises BadParameter for NaN, infinity and values that overflow."""
     if value is not None and not isfinite(value):
         raise typer.BadParameter("must be a finite number")
     return value
@@ -80,7 +80,7 @@ LONGEST_NAME = 150  # Maximum number of characters of a default folder name
 
 
 def overrides(sets: list[str] | None, option: str = "--set") -> dict[str, Any]:
-    """Convert texts `key=value` to a mapping of dotted keys to values. A value is TOML, and a bare word is a string."""
+    """Convert texts `key=value` to a mapping of dotted keys to values. Values that are not TOML are strings."""
     found: dict[str, Any] = {}
     for text in sets or []:
         key, equals, value = utf8(text, option).partition("=")
@@ -101,7 +101,7 @@ def overrides(sets: list[str] | None, option: str = "--set") -> dict[str, Any]:
 
 
 def utf8(text: str, option: str) -> str:
-    """Decode an argument as UTF-8 in every locale. Raises `ScenarioError` for text that is not UTF-8."""
+    """Decode a command-line argument as UTF-8 in every locale. Raises `ScenarioError` if the text is not UTF-8."""
     try:
         return os.fsencode(text).decode("utf-8")
     except UnicodeError:
@@ -156,7 +156,7 @@ def names(text: str, option: str) -> list[str]:
 
 
 def seconds(text: str) -> list[float]:
-    """Return the numbers in a comma-separated list of times [s]."""
+    """Return the times in a comma-separated list [s]."""
     try:
         times = [float(name) for name in names(text, "--at")]
     except ValueError:
@@ -167,14 +167,14 @@ def seconds(text: str) -> list[float]:
 
 
 def results_folder(out: Path | None, default: str) -> Path:
-    """Return the writable results folder: `out` or, by default, a folder in runs/ named after `default`."""
+    """Return the writable results folder: `out` or, by default, a folder in `runs/` named after `default`."""
     if out is not None:
         utf8(str(out), "--out")
     folder = out if out is not None else Path("runs") / re.sub(r"[^\w.-]+", "_", default).lstrip(".")[-LONGEST_NAME:]
     if folder.exists() and not folder.is_dir():
-        raise ScenarioError(f"--out {folder}: is a file; specify a folder")
+        raise ScenarioError(f"--out {folder} is a file; specify a folder")
     if folder.is_symlink() and not folder.exists():
-        raise ScenarioError(f"--out {folder}: is a broken link; specify another folder")
+        raise ScenarioError(f"--out {folder}: the folder is a broken link; specify another folder")
     check_folder(folder)
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     try:

@@ -72,7 +72,10 @@ def _has_display() -> bool:
 
 def _check_recording(file: Path) -> None:
     if not file.is_file():
-        raise ScenarioError(f"{file}: {absence(file)}")
+        from agrobot_mj.simulation.storage import RECORDING
+
+        fix = f"specify {file / RECORDING}" if (file / RECORDING).is_file() else "specify a recording"
+        raise ScenarioError(f"{file}: {absence(file, fix)}")
     with file.open("rb") as stream:
         magic, version = stream.read(4), tuple(stream.read(2))
     if magic not in MAGIC:

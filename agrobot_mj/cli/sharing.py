@@ -7,6 +7,7 @@ import tomllib
 from pathlib import Path
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.resources import folder_absence
 from agrobot_mj.simulation.results import atomic, check_folder
 
 COMPARISON = "comparison.rrd"
@@ -20,7 +21,7 @@ def recording_of(folder: Path) -> Path:
     found = next((file for name in (COMPARISON, RECORDING) if (file := folder / name).is_file()), None)
     if found is None:
         if not folder.is_dir():
-            raise ScenarioError(f"--share {folder}: no such folder")
+            raise ScenarioError(f"--share {folder}: {folder_absence(folder)}")
         missing = f"the folder contains no recording ({RECORDING} or {COMPARISON})"
         scenario = folder / "scenario.toml"
         repeat = f"record with: agrobot-mj run {scenario} --out {folder}"
@@ -57,7 +58,7 @@ def _poster(recording: Path, file: Path) -> Path | None:
 
 
 def _about(folder: Path) -> tuple[str, str]:
-    """Return the title of a results folder and a text with outcome, lateral error and guidance law."""
+    """Return the title of a results folder, and a text with outcome, lateral error and guidance law."""
     try:
         said = tomllib.loads((folder / "scenario.toml").read_text("utf-8"))
         metrics = json.loads((folder / "metrics.json").read_text("utf-8"))

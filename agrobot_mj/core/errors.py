@@ -14,17 +14,21 @@ LONGEST_LINE, LONGEST_VALUE = 2000, 120
 MOST_FAULTS, MOST_LINES, LONGEST_TEXT = 20, 120, 20_000
 """Maximum number of errors listed per file, and maximum number of lines and of characters of a message."""
 
-PLUGIN = "a plugin's kind needs --plugin FILE.py"  # End of the messages about unknown kinds
+PLUGIN = "a plugin's kind needs --plugin FILE.py and @register"  # End of the messages about unknown kinds
 LIKENESS = 0.6  # Minimum similarity of a word suggested in place of an unknown word [-]. Assumed value.
 
 
 def shortened(text: str, most: int = LONGEST_VALUE) -> str:
-    """Return `text`, with the middle omitted if the text has more than about `most` characters."""
+    """Return `text`, or for more than `most` characters its beginning and end joined by an ellipsis, followed by its
+    length."""
     return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 4 :]} ({len(text)} characters)"
 
 
 def bounded(text: str) -> str:
-    """Return a message of at most about `MOST_LINES` lines. If lines are omitted, the last line states their number."""
+    """Return a message shortened to about `MOST_LINES` lines and `LONGEST_TEXT` characters.
+
+    If lines are omitted, the last line states their number.
+    """
     lines, end = text.split("\n"), " more lines"
     shown = [shortened(line, LONGEST_LINE) for line in lines[: MOST_LINES + 1]]
     length = len("\n".join(shown))
@@ -36,7 +40,7 @@ def bounded(text: str) -> str:
 
 
 class ScenarioError(ValueError):
-    """Error for invalid input; the text is the complete message for the user."""
+    """Error for invalid input; its text is the complete message for the user."""
 
     def __init__(self, text: str = "") -> None:
         super().__init__(bounded(str(text)))
@@ -47,7 +51,7 @@ class CommandError(ValueError):
 
 
 class NotFiniteError(ArithmeticError):
-    """Error for a non-finite or implausible value in the output of a stage; the text names the field and the stage."""
+    """Error for a non-finite or implausible value in the output of a simulation stage; its text names the stage."""
 
 
 def suggestion(word: str, known: Sequence[str]) -> str:
@@ -63,7 +67,7 @@ EXTRAS = {
     "matplotlib": ("report", "a figure"),
     "filterpy": ("filters", "this estimator"),
 }
-"""Optional libraries that modules import at their top, each with its extra and its purpose."""
+"""Optional libraries imported at the top of modules, each with its pip extra and its purpose."""
 
 
 def installed(module: str) -> bool:
@@ -72,7 +76,7 @@ def installed(module: str) -> bool:
 
 
 def missing_extra(error: ModuleNotFoundError) -> str:
-    """Return the install instruction for a missing optional library, or an empty string for other modules."""
+    """Return the install instruction if `error` is about an optional library, or an empty string for other modules."""
     package = (error.name or "").partition(".")[0]
     if package not in EXTRAS:
         return ""
@@ -81,7 +85,7 @@ def missing_extra(error: ModuleNotFoundError) -> str:
 
 
 def required(module: str, extra: str, purpose: str) -> Any:
-    """Import and return a module. Raises `ScenarioError` with the install command of its `extra` on failure."""
+    """Import and return a module. Raises `ScenarioError` with the install command of `extra` if the import fails."""
     try:
         return import_module(module)
     except ImportError as error:

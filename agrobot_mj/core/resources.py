@@ -30,7 +30,7 @@ def is_file(path: Path) -> bool:
 
 
 def library_file(name: str) -> Path:
-    """Return the path of a data file named in a scenario. A shipped file of the same name takes precedence."""
+    """Return the path of a data file named in a scenario. A file shipped with the package takes precedence."""
     given, shipped = Path(name), SCENARIOS / name
     return shipped if not given.is_absolute() and is_file(shipped) else given
 
@@ -87,18 +87,25 @@ def stamped(name: str, kinds: Sequence[str], most_bytes: int) -> Stamp:
     return stamp(name) or refuse(path, "the file no longer exists; create it again")
 
 
-def absence(path: Path) -> str:
-    """Return the reason why a path is not a regular file: the file is missing, or a folder, device or pipe."""
+def absence(path: Path, fix: str = "specify a file") -> str:
+    """Return the reason why a path is not a regular file, and the `fix` if it is a folder, device or pipe."""
     try:
-        return "is not a regular file; specify a file" if path.exists() else "no such file"
+        if path.exists():
+            return f"{'is a folder' if path.is_dir() else 'is not a regular file'}; {fix}"
+        return "no such file"
     except OSError:  # as in `is_file`
         return "no such file"
+
+
+def folder_absence(path: Path) -> str:
+    """Return the reason why a path is not a folder: the folder is missing, or the path is a file."""
+    return "is a file; specify its folder" if path.exists() else "no such folder"
 
 
 def checked(name: str, kinds: Sequence[str], most_bytes: int) -> Path:
     """Return the path of a regular file with one of the endings `kinds` and at most `most_bytes` bytes.
 
-    Empty `kinds` permit any ending. Raises ValueError with the file name and the fix.
+    Empty `kinds` permit any ending. Raises ValueError with the file name and the fix if a check fails.
     """
     path = library_file(name)
     known = f" ({', '.join(kinds)})" if kinds else ""
@@ -118,11 +125,11 @@ def checked(name: str, kinds: Sequence[str], most_bytes: int) -> Path:
         refuse(path, "the file is empty; create it again")
     if size > most_bytes:
         limit = f"{most_bytes / 1e6:.0f} MB"
-        refuse(path, f"the file has {size / 1e6:.3g} MB, but the limit is {limit}; crop or downsample it")
+        refuse(path, f"the file size is {size / 1e6:.3g} MB, but the limit is {limit}; crop or downsample it")
     return path
 
 
 def refuse(path: Path, what: str) -> NoReturn:
-    """Raise ValueError with the file name and the description `what` of the problem."""
+    """Raise ValueError with the file name and the text `what`, which describes the problem."""
     shown = path.name if len(path.name) <= LONGEST_NAME else path.name[:LONGEST_NAME] + "..."
     raise ValueError(f"{shown}: {what}") from None

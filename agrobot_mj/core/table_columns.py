@@ -1,7 +1,7 @@
 """Columns of an external log (Parquet or CSV), read as floats; empty and infinite cells become NaN.
 
 External files may contain invalid data: text, lists, milliseconds, decreasing times, or a hundred million rows. Sizes
-are checked before reading, and only requested columns are read, one by one. Every problem is a `ScenarioError` that
+are checked before reading, and only requested columns are read, one by one. Every problem raises a `ScenarioError` that
 names the file, the column and the fix.
 """
 
@@ -28,10 +28,10 @@ MOST_HEADER_BYTES = 1_000_000  # Maximum length of a CSV header line [bytes]
 SHOWN = 24  # Maximum number of column names listed in a message
 LONGEST_STEP_S = 5.0  # Median time step above which the times cannot be in seconds [s]; slower logs contain no dynamics
 SAME_TIME = 1.5
-"""Limit of the mean number of rows per time [-]. Above the limit the times are rounded; below, rows are repeated."""
+"""Mean number of rows per time value [-] above which an error message recommends exporting more digits of the times."""
 LATEST_STEP_S = 1e-5  # Median time step below which the times cannot be in seconds [s]
 MOST_STEPS = 1e8
-"""Maximum duration of a log divided by its median time step [-]: a year at 3 Hz. Longer logs contain a wrong time."""
+"""Maximum duration of a log divided by its median time step [-]: a year at 3 Hz. A larger ratio means a wrong time."""
 NAME = b"name"  # Key of the log's name in the table metadata
 PARQUET = b"PAR1"  # First bytes of a Parquet file
 CONTROL = re.compile(r"[\x00-\x08\x0e-\x1a]")  # Pattern of a character that text does not contain
@@ -53,8 +53,7 @@ def column_names(source: Source) -> list[str]:
     if isinstance(source, pa.Table):
         return list(source.column_names)
     if not source.is_file():
-        what = "is a folder" if source.is_dir() else absence(source)
-        raise FieldLogError(f"{source}: {what}; specify a .parquet or .csv file")
+        raise FieldLogError(f"{source}: {absence(source, 'specify a .parquet or .csv file')}")
     if _is_parquet(source):
         try:
             return list(pq.read_schema(source.absolute()).names)
@@ -66,15 +65,15 @@ def column_names(source: Source) -> list[str]:
 def read_columns(source: Source, wanted: Sequence[str], why: dict[str, str] | None = None) -> dict[str, Array]:
     """Return columns of a log as arrays of floats with shape (n,). Empty cells are NaN, and clock times are in seconds.
 
-    `why` maps a column to the scenario key that requests it, which error messages name. Raises `FieldLogError` if the
-    file is unreadable, if a column is missing or has no numbers, or if there are more than `MOST_ROWS` rows.
+    `why` names the scenario key that requests each column, for error messages. Raises `FieldLogError` if the file is
+    unreadable, if a column is missing or has no numbers, or if there are more than `MOST_ROWS` rows.
     """
     cells = _cells(source, wanted, why)
     return {column: _floats(source_name(source), column, cells(column)) for column in dict.fromkeys(wanted)}
 
 
 def accepted_rows(source: Source, column: str, accepted: Sequence[int | str], why: str) -> Mask:
-    """Return a mask (n,) of the rows whose value is in `accepted`. Raises the same errors as `read_columns`."""
+    """Return a mask (n,) of the rows whose cell is in `accepted`. Raises the same errors as `read_columns`."""
     cells = _cells(source, [column], {column: why})(column)
     if not pa.types.is_string(cells.type):
         return np.isin(_floats(source_name(source), column, cells), [a for a in accepted if not isinstance(a, str)])
@@ -132,7 +131,9 @@ def check_time(name: str, column: str, t: Array, unit_key: str = "") -> None:
     if not steps.any():
         raise FieldLogError(f"{where} is constant; specify the time column")
     if (steps >= 0).all() and (rows := len(t) / (1 + np.count_nonzero(steps))) > SAME_TIME:
-        raise FieldLogError(f"{where} repeats each time in {rows:.2g} rows; export more digits or remove repeated rows")
+        raise FieldLogError(
+            f"{where}: each time occurs in {rows:.2g} rows; export times with more digits, or remove repeated rows"
+        )
     if (steps <= 0).any():
         row = int(np.flatnonzero(steps <= 0)[0])
         what = "does not increase" if steps[row] == 0 else "decreases"
@@ -159,7 +160,7 @@ def check_size(path: Path, most: int = MOST_CSV_BYTES) -> None:
     """Raise `FieldLogError` for a file of more than `most` bytes."""
     if (size := path.stat().st_size) > most:
         raise FieldLogError(
-            f"{path.name}: the file has {size / 1e6:.3g} MB, but the limit is {most / 1e6:g} MB; split the file"
+            f"{path.name}: the file size is {size / 1e6:.3g} MB, but the limit is {most / 1e6:g} MB; split the file"
         )
 
 
@@ -200,7 +201,7 @@ def _header(path: Path) -> tuple[list[str], str]:
 
 
 def _csv(path: Path, wanted: Sequence[str]) -> pa.Table:
-    """Return the requested columns of a CSV file. The size is checked first, because the number of rows is unknown."""
+    """Return the requested columns of a CSV file. Raises `FieldLogError` for a file that is too large or unreadable."""
     check_size(path)
     names, delimiter = _header(path)
     try:
@@ -237,7 +238,7 @@ def _floats(name: str, column: str, cells: pa.ChunkedArray) -> Array:
 
 
 def _numpy(cells: pa.ChunkedArray, origin: int) -> Array:
-    """Return cells minus `origin` as a writable array. The difference keeps all digits of nanoseconds since 1970."""
+    """Return cells minus `origin` as a writable array. The integer difference keeps all digits of nanoseconds."""
     if origin:
         return np.array([np.nan if v is None else float(v - origin) for v in cells.to_pylist()])
     return np.array(cells.to_numpy(zero_copy_only=False), dtype=np.float64)

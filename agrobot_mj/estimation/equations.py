@@ -1,7 +1,7 @@
 """Compiled equations of a Kalman filter: prediction of the covariance, correction, and both in one call.
 
 The results equal those of `KalmanFilter` and `ExtendedKalmanFilter` of filterpy, which take 60 us in Python for small
-matrices. Plain loops are faster here than calls of a linear algebra library. Shapes are (n,) for the mean, (n, n) for
+matrices. Plain loops are faster here than calls to a linear algebra library. Shapes are (n,) for the mean, (n, n) for
 the covariance and (m,) for a measurement; the units depend on the filter.
 """
 
@@ -40,7 +40,7 @@ def posterior(x: Array, P: Array, H: Array, y: Array, R: Array) -> tuple[Vector,
 
 @jit
 def tick(x: Array, P: Array, F: Array, Q: Array, y: Array, H: Array, R: Array) -> tuple[Vector, Matrix, float]:
-    """Predict P, then correct it and the predicted mean `x` by a measurement; return mean, covariance and NIS [-]."""
+    """Predict P, then correct P and the predicted mean `x` by a measurement; return mean, covariance and NIS [-]."""
     return posterior(x, prior(P, F, Q), H, y, R)
 
 
@@ -76,7 +76,7 @@ def inverse(S: Array) -> Matrix:
         if not np.isfinite(pivot):
             raise np.linalg.LinAlgError("array must not contain infs or NaNs")
         if pivot <= 0.0:
-            raise np.linalg.LinAlgError("matrix is not positive definite")
+            raise np.linalg.LinAlgError("the innovation covariance is not positive definite")
         for j in range(n):  # loops, because slices add seconds of compile time
             A[k, j] /= pivot
             found[k, j] /= pivot

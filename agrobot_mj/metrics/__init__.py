@@ -28,13 +28,13 @@ ENDINGS = {"_ms": "ms", "_hz": "Hz", "_s": "s", "_m": "m"}  # Units of metrics b
 
 
 def metrics(log: LogLike, outcome: str | None = None, view: RunView | None = None) -> dict[str, Any]:
-    """Return all metrics of a run as JSON values. If `outcome` is given, it is the first entry."""
+    """Return all metrics of a run as JSON values. If `outcome` is given, it becomes the first entry."""
     view, found = view or RunView(log), {} if outcome is None else {"outcome": outcome}
     for metric in METRICS:
         values = metric.evaluate(view)
         if not (isinstance(values, dict) and values.keys() <= metric.names):
             wanted = f"a dict of {', '.join(sorted(metric.names))}"
-            raise ScenarioError(f"the metric ({metric.kind}): evaluate must return {wanted}, got {one_line(values)}")
+            raise ScenarioError(f"metric {metric.kind}: evaluate must return {wanted}, got {one_line(values)}")
         found |= values
     return found
 

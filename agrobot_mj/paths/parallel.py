@@ -5,7 +5,7 @@ the turns `u`, `omega` and `k`. With `u` turns, passes closer than the turn widt
 tractor then advances by n passes and returns by n + 1, in blocks of 2 n + 1; n is turn width / swath, rounded up.
 
 The field ends at the ends of the passes; the turns are outside. After the last pass the tractor continues straight.
-`passes_s` contains the time interval of each pass without its first `run_in_m` metres, where turn errors decay.
+`passes_s` contains the time interval of each pass without its first `run_in_m` metres, where errors of the turn decay.
 """
 
 from collections.abc import Iterator
@@ -37,22 +37,23 @@ class Parallel(Transitions, Timed):
     """Length of a pass [m]. Assumed value; a field of 1 ha is 100 m by 100 m."""
     swath_m: Positive = 2.0
     """Working width: distance between adjacent passes [m]. Default: `implement.width_m` if set, else proportional to
-    the track. Assumed value (1.5-2.5) for implements of compact tractors."""
+    the track width. Assumed value (range 1.5-2.5) for implements of compact tractors."""
     count: Count = 4
     """Number of passes [-]. Assumed value for a small field."""
     turn: Literal["u", "omega", "k"] = "omega"
     """Shape of turns between close passes: half turn to a more distant pass (`u`), bulb (`omega`), or three arcs
     (`k`)."""
     turn_radius_m: Positive = 3.0
-    """Radius of all arcs of a turn [m]. Default: proportional to the turning circle. Assumed value (2.5-4); 3 m need a
-    steering angle of 25 deg, half of the maximum."""
+    """Radius of all arcs of a turn [m]. Default: proportional to the turning circle. Assumed value (range 2.5-4); 3 m
+    require a steering angle of 25 deg, half of the maximum."""
     turn_speed_m_s: Speed = 1.0
-    """Maximum speed in a turn [m/s]. Assumed value (0.7-1.2), typical of drivers."""
+    """Maximum speed in a turn [m/s]. Assumed value (range 0.7-1.2) for typical drivers."""
     cusp_pause_s: NonNegative = 2.0
-    """Duration of the standstill at each cusp of a `k` turn [s]. Assumed value (1-4), to change gear and turn the
-    wheels."""
+    """Duration of the standstill at each cusp of a `k` turn [s]. Assumed value (range 1-4) for changing gear and
+    turning the wheels."""
     run_in_m: NonNegative = 20.0
-    """Initial length of each pass that `passes_s` excludes [m], at most half of the pass. Assumed value (10-30)."""
+    """Initial length of each pass that `passes_s` excludes [m], at most half of the pass. Assumed value (range
+    10-30)."""
     start_x_m: Coordinate = 0.0
     """East coordinate of the start of the first pass [m]."""
     start_y_m: Coordinate = 0.0
@@ -60,7 +61,7 @@ class Parallel(Transitions, Timed):
 
     @property
     def orientation(self) -> tuple[float, float]:
-        """Direction of the first pass [rad], and the side on which the other passes lie: 1 left, -1 right."""
+        """Direction of the first pass [rad], and the side on which the other passes lie: 1 for left, -1 for right."""
         raise NotImplementedError
 
     @property
@@ -79,7 +80,7 @@ class Parallel(Transitions, Timed):
 
     @property
     def passes_s(self) -> tuple[tuple[float, float], ...]:
-        """Start and end of each pass after its run-in [s], in the order of travel."""
+        """Start and end time of each pass, excluding its run-in [s], in the order of travel."""
         pieces, motion, ends, distance = self._pieces(), self.motion, [], 0.0
         for piece, is_pass in pieces:
             if is_pass:
@@ -88,9 +89,9 @@ class Parallel(Transitions, Timed):
         return tuple(ends)
 
     def course(self) -> Course:
-        """Return the course of all passes and turns."""
+        """Return the course along all passes and turns."""
         if self.run_in_m > self.length_m / 2:
-            raise ValueError(f"run_in_m: must be at most half of length_m, {self.length_m / 2:g}")
+            raise ValueError(f"run_in_m: must be at most half of length_m ({self.length_m / 2:g} m)")
         start = Pose(self.start_x_m, self.start_y_m, self.orientation[0])
         return chain(start, (piece for piece, _ in self._pieces()), self.cusp_pause_s)
 
@@ -107,8 +108,7 @@ class Parallel(Transitions, Timed):
 
 
 def skipping(count: int, across: int) -> Iterator[int]:
-    """Yield `count` pass numbers in an order with steps of at least `across` passes; `count` is at least 2 `across` +
-    1.
+    """Yield `count` pass numbers in an order with steps of at least `across`; `count` is at least 2 `across` + 1.
 
     Within a block of 2 `across` + 1 passes, the order advances by `across` or returns by `across` + 1. The remaining
     passes alternate between two halves.

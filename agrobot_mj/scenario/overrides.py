@@ -21,11 +21,11 @@ from agrobot_mj.plants.mujoco.own_files import own_files
 
 S = TypeVar("S", bound=Spec)
 FILE_KEYS = ("file", "machine", "mjcf")
-"""Names of keys whose values are file paths, relative to the folder of the scenario or of the shipped scenarios."""
+"""Names of the keys whose values are file paths, relative to the folder of the scenario or of the shipped scenarios."""
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the content of a TOML file as plain data. Raises `ScenarioError` if the file cannot be read."""
+    """Return the content of a TOML file as a dict. Raises `ScenarioError` if the file cannot be read."""
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise ScenarioError(f"{path}: {absence(path)}")  # reading a pipe would block
     try:
@@ -37,11 +37,12 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def json_text(data: Mapping[str, Any], source: str) -> bytes:
-    """Convert plain data to JSON, which is validated strictly but accepts lists for tuples. Raises `ScenarioError`."""
+    """Convert a mapping to JSON, in which lists are valid as tuples. Raises `ScenarioError` for invalid values."""
     try:
         return json.dumps(data, default=_as_plain, ensure_ascii=False).encode()
     except ValueError:  # includes UnicodeEncodeError
-        raise ScenarioError(f"{source}: a number has thousands of digits, or a text is not valid UTF-8") from None
+        reason = "a number has thousands of digits, or a string is not valid UTF-8"
+        raise ScenarioError(f"{source}: {reason}; correct the value") from None
 
 
 def _as_plain(value: Any) -> Any:
@@ -57,7 +58,7 @@ def read_spec(kind: type[S], data: Mapping[str, Any], source: str) -> S:
 
 
 def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> None:
-    """Set the value of a dotted key in plain data. List items are numbered from 0.
+    """Set the value of a dotted key in scenario data. List items are numbered from 0.
 
     A table whose `kind` changes retains the keys that both kinds have. A table without `kind` has the kind of
     `default`. Raises `ScenarioError` for an invalid key.
@@ -102,7 +103,7 @@ def _item(items: list[Any], name: str, dotted: str, key: str) -> Any:
 
 
 def _kind(data: Any, tables: list[str], default: Spec) -> Any:
-    """Return the kind of the table at the key path `tables`, by default from `default`, or None for no kinds."""
+    """Return the kind of the table at the key path `tables`, by default from `default`, or None without kinds."""
     data = deepcopy(data)
     complete(data, default)
     for name in tables:
@@ -135,7 +136,7 @@ def complete(table: dict[str, Any], default: Spec) -> None:
 
 
 def explicit_values(spec: Spec) -> dict[str, Any]:
-    """Return the explicitly set values of a configuration as plain data. The keys `kind` are always included."""
+    """Return the explicitly set values of a configuration as dicts and lists. The key `kind` is always included."""
     explicit = spec.model_fields_set | {"kind"}
     fields = {name: getattr(spec, name) for name in type(spec).model_fields if name in explicit}
     return {key: _plain(value) for key, value in fields.items() if value is not None}
@@ -157,7 +158,7 @@ def _plain(value: Any) -> Any:
 
 
 def absolute_paths(data: Any, *folders: Path) -> None:
-    """Make file paths absolute: in the first of `folders` that contains the file, otherwise in the last folder."""
+    """Make file paths absolute, in the first of `folders` that contains the file, or otherwise in the last folder."""
     others = [folder for folder in folders if folder != SCENARIOS.resolve()]
     for table, key in naming_files(data) if others else ():
         file = table[key]
@@ -188,13 +189,13 @@ def beside_copies(data: Any, folder: Path) -> None:
 
 
 def files(data: Any) -> list[Path]:
-    """Return the files named in plain data, and recursively the files named in these files, without duplicates."""
+    """Return the files named in scenario data, and recursively the files named in these files, without duplicates."""
     found = [(key, library_file(table[key])) for table, key in naming_files(data)]
     return list(dict.fromkeys(file for key, path in found for file in (path, *beside(key, path))))
 
 
 def relocate_files(data: Any) -> dict[str, Path]:
-    """Replace absolute file paths in plain data by unique file names. Return the original path of each file name."""
+    """Replace absolute file paths in scenario data by unique file names. Return the original path of each file name."""
     named = [(table, key) for table, key in naming_files(data) if Path(table[key]).is_absolute()]
     found: dict[str, Path] = {}
     for other in (other for table, key in named for other in beside(key, Path(table[key]))):
@@ -229,7 +230,7 @@ def machine_data(path: Path) -> dict[str, Any]:
 
 
 def naming_files(data: Any) -> Iterator[tuple[dict[str, Any], str]]:
-    """Yield each table of plain data that contains a file path, and the key of the path. Inner tables come first."""
+    """Yield each table of scenario data that contains a file path, and the key of the path. Inner tables come first."""
     for table in data.values() if isinstance(data, dict) else data if isinstance(data, list) else ():
         yield from naming_files(table)
     if isinstance(data, dict):
@@ -239,5 +240,5 @@ def naming_files(data: Any) -> Iterator[tuple[dict[str, Any], str]]:
 
 
 def names_file(key: str, value: str) -> bool:
-    """Return whether the value of a key in `FILE_KEYS` is a path, since a machine can also be given by name."""
+    """Return whether the value of a key in `FILE_KEYS` is a path; the value of `machine` may also be a name."""
     return key != "machine" or value.endswith(".toml") or len(Path(value).parts) > 1

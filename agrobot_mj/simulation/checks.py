@@ -1,8 +1,8 @@
-"""Checks of the messages between stages. A number that is not finite is an error of the stage that returned it.
+"""Checks of the messages between stages. A non-finite number is an error of the stage that returned the number.
 
-A `Stage` wraps the method of a stage and checks its results. If the sum of all numbers of a message is finite, all
-numbers are finite; otherwise they are checked individually. Measurements that a real computer would reject, such as a
-fix that is not a number, count as missing, see `Reception`.
+A `Stage` calls one stage and checks its result. If the sum of all numbers of a message is finite, all numbers are
+finite; otherwise they are checked individually. Measurements that a real computer would reject, such as a fix that is
+not a number, count as missing (see `Reception`).
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -30,6 +30,7 @@ from agrobot_mj.core.signals import (
     Truth,
     Vector,
 )
+from agrobot_mj.scenario.plugins import place_in_plugin
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.sensors import SensorState, Suite
 
@@ -38,7 +39,7 @@ ABSURD_STEER = radians(90.0)
 ARITHMETIC = (ArithmeticError, ValueError, np.linalg.LinAlgError)
 """Types of the exceptions that arithmetic with NaN or infinity may raise."""
 _ARITHMETIC = ("math domain error", "infs or NaNs", "cannot convert float")
-"""Texts in the messages of ValueError that indicate an operand of NaN or infinity."""
+"""Parts of ValueError messages that indicate NaN or infinity as an operand."""
 
 FARTHEST_M, FASTEST_M_S = 1e7, 1e3
 """Maximum plausible distance from the origin [m] and speed [m/s] of a fix: a quarter of the equator, and Mach 3."""
@@ -48,10 +49,10 @@ Message = TypeVar("Message", bound=tuple[Any, ...])
 
 
 class Numbers:
-    """Finiteness check of the numbers of a message, except fields with the default NaN (not given)."""
+    """Finiteness check of the numbers of a message. Fields whose default is NaN (not given) are not checked."""
 
     def __init__(self, message: Any, but: Collection[str] = (), name: str = "") -> None:
-        """Collect the numeric fields of the class `message`, without the fields `but`. Optional fields may be None."""
+        """Collect the numeric fields of the class `message`, except the fields `but`. Optional fields may be None."""
         hints, defaults, self.name = message.__annotations__, message._field_defaults, name or message.__name__.lower()
         shapes = {n: _shape(hints[n], defaults.get(n, 0.0)) for n in message._fields if n not in but}
         at = {s: [message._fields.index(n) for n in shapes if shapes[n] == s] for s in ("one", "none", "few", "many")}
@@ -61,7 +62,7 @@ class Numbers:
         self._parts = [(message._fields.index(n), Numbers(hints[n], name=f"{self.name}.{n}")) for n in parts]
 
     def check(self, message: Any, maker: str) -> None:
-        """Raise `NotFiniteError` for non-finite numbers, `ScenarioError` for other types; both errors name `maker`."""
+        """Raise `NotFiniteError` for non-finite numbers, `ScenarioError` for non-numbers. Both errors name `maker`."""
         for k, part in self._parts:
             part.check(message[k], maker)
         try:
@@ -86,7 +87,7 @@ class Numbers:
 
 
 def _shape(hint: Any, default: Any) -> str:
-    """Return the shape of a field: one (number), none (number or None), few (tuple), many (array), message, or ""."""
+    """Return the type of a field: one (number), none (number or None), few (tuple), many (array), message, or ""."""
     few = get_origin(hint) is tuple and set(get_args(hint)) == {float}
     if few or hint in (int, float):
         return "" if np.isnan(default).any() else "few" if few else "one"
@@ -96,12 +97,12 @@ def _shape(hint: Any, default: Any) -> str:
 
 
 STATE, SAMPLED_STATE = Numbers(Truth, but=("steer_samples", "pedal_samples", "knuckle_samples")), Numbers(Truth)
-"""Checks of the true state without and with its samples. The samples are checked only if a measurement is invalid."""
+"""Checks of the true state, without and with the samples within a tick (checked only after an invalid measurement)."""
 CONDITIONS = Numbers(Conditions)
 
 
 class Stage(Generic[Message]):
-    """Wrapper that calls one stage, such as the estimator, and checks its results.
+    """Wrapper that calls one stage, such as the estimator, and checks the result.
 
     `update` and `ask` raise `NotFiniteError` if the arithmetic fails or a number is not finite. They raise
     `ScenarioError` for a message of a wrong type.
@@ -116,12 +117,12 @@ class Stage(Generic[Message]):
         passed: Callable[[Message], Message] = lambda message: message,
         method: str = "update",
     ) -> None:
-        """Wrap `part.method`. Error messages contain `name` and `kind`. `passed` checks and converts the message."""
+        """Wrap `method` of `part`. Errors contain `name` and `kind`. `passed` checks and converts each result."""
         self.names, self.part, self.message, self.passed, self.method = (name, kind), part, message, passed, method
         self.maker, self.numbers = f"{name} ({kind})", Numbers(message)
 
     def update(self, *arguments: Any) -> tuple[Any, Message]:
-        """Return the new state and the message of a stage that has a state."""
+        """Call a stage that has a state. Return the new state and the checked message."""
         found = self._found(arguments)
         if self.method == "updated":  # by a compiled estimator
             if _is_finite(found[1]):
@@ -132,7 +133,7 @@ class Stage(Generic[Message]):
         return state, self.passed(message)
 
     def ask(self, *arguments: Any) -> Message:
-        """Return the message of a stage that has no state."""
+        """Call a stage that has no state. Return the checked message of the stage."""
         message = check_type(self._found(arguments), self.message, *self.names, self.method)
         self.numbers.check(message, self.maker)
         return self.passed(message)
@@ -145,7 +146,7 @@ class Stage(Generic[Message]):
             numbers = numbers or any(part in str(error) for part in _ARITHMETIC)
             if isinstance(error, NotFiniteError) or not numbers:
                 raise
-            raise NotFiniteError(f"{self.maker} failed: {error}") from error
+            raise NotFiniteError(f"{self.maker} failed: {error}{place_in_plugin(error)}") from error
 
 
 @stage
@@ -171,7 +172,7 @@ class Reception(NamedTuple):
     ) -> "tuple[Reception, Measurement]":
         """Return the new state and the checked measurement of a tick.
 
-        An invalid fix becomes missing. The last valid value replaces an invalid steering angle or pedal position.
+        An invalid fix counts as missing. The last valid value replaces an invalid steering angle or pedal position.
         Raises `NotFiniteError` if the invalid number comes from the plant or from a fault.
         """
         plant = f"the plant ({s.plant.kind})"
@@ -197,7 +198,7 @@ class Reception(NamedTuple):
 
 
 def _possible(fix: Fix) -> bool:
-    """Return whether the position and the speed of a fix are plausible; False if they are NaN."""
+    """Return whether the position and the speed of a fix are plausible. NaN is not plausible."""
     sound = inf not in (abs(fix.z), abs(fix.heading))  # NaN means "not reported"
     return sound and abs(fix.x) + abs(fix.y) < FARTHEST_M and abs(fix.vx) + abs(fix.vy) < FASTEST_M_S
 
@@ -214,7 +215,7 @@ def check_report(maker: str, columns: Sequence[Column], report: Any) -> None:
 
 
 def read_only(estimate: Estimate) -> Estimate:
-    """Return the estimate with a read-only, C-contiguous covariance, because the estimator may own the array.
+    """Return the estimate with a C-contiguous covariance that other stages cannot change.
 
     Raises `ScenarioError` for a covariance of a wrong shape, which compiled stages do not check.
     """

@@ -1,10 +1,10 @@
 """Results folders: exclusive access, atomic writes, and protection of the user's files.
 
-A results folder contains a mark, a file that lists the files written by this package. All other files are neither
-overwritten nor deleted. Nothing is written to a folder that contains files but no mark. An empty mark, created by the
-user, permits overwriting all files in the folder.
+A results folder contains a marker file, which lists the files written by this package. All other files are neither
+overwritten nor deleted. Nothing is written to a folder that contains files but no marker file. An empty marker file,
+created by the user, permits overwriting all files in the folder.
 
-Commands open a folder with `results`; within the block `atomic` and `write_json` write files.
+Commands open a folder with `results`; within this context, `atomic` and `write_json` write files.
 """
 
 import errno
@@ -68,13 +68,13 @@ def check_folder(folder: Path, names: Iterable[str] = ()) -> None:
     if folder.is_dir() and owned(folder) is None and any(not _is_torn_mark(path) for path in folder.iterdir()):
         raise ScenarioError(
             f"{folder}: the folder contains files that agrobot-mj did not write; specify another folder, or allow "
-            f"agrobot-mj to replace the contents of this one with: touch {shlex.quote(str(folder / MARK))}"
+            f"agrobot-mj to write its results into this one with: touch {shlex.quote(str(folder / MARK))}"
         )
     check_names(folder, names)
 
 
 def claim(folder: Path, names: Iterable[str]) -> None:
-    """Add names of files or folders to the mark of `folder`; create the mark if missing.
+    """Add names of files or folders to the marker file of `folder`; create the marker file if missing.
 
     Raises `ScenarioError` if one of the files exists and this package did not write it.
     """
@@ -120,8 +120,8 @@ def remove(folder: Path, names: Iterable[str]) -> None:
 def atomic(path: Path) -> Iterator[Path]:
     """Yield a temporary path next to `path`. Rename the file to `path` at the end, or delete it after an error.
 
-    Raises OSError with the name `path`, also for a device, which must not be replaced. Raises `ScenarioError` for a
-    file in a results folder that this package did not write.
+    Raises OSError with the name `path`, also if `path` is a device. Raises `ScenarioError` for a file in a results
+    folder that this package did not write.
     """
     if path.is_char_device() or path.is_block_device():
         raise OSError(errno.EINVAL, "is a device; specify a file", str(path))
@@ -151,18 +151,18 @@ def write_text(path: Path, text: str) -> Path:
 
 
 def is_bare(name: object) -> bool:
-    """Return whether `name` is a file name without a folder, other than the name of the mark."""
+    """Return whether `name` is a file name without a folder, other than the name of the marker file."""
     return isinstance(name, str) and name not in ("", ".", "..", MARK) and not set(name) & set("/\\\n\0")
 
 
 def temporary_path(path: Path) -> Path:
-    """Return a new absolute path in the folder of `path`, because pyarrow interprets `a:/b` as a file system."""
+    """Return a temporary path next to `path`, absolute because pyarrow interprets `a:/b` as a file system."""
     return path.absolute().with_name(f".{path.name}.{secrets.token_hex(4)}.part")
 
 
 @contextmanager
 def errors_naming(path: Path) -> Iterator[None]:
-    """Replace the file name in every OSError of the block by `path`."""
+    """Replace the file name in each OSError raised in the context by `path`, except in network errors."""
     try:
         yield
     except (ConnectionError, TimeoutError):  # network errors of the block
@@ -181,20 +181,20 @@ def check_names(folder: Path, names: Iterable[str]) -> None:
             raise ScenarioError(f"{folder}: {name!r} is not a valid file name in a results folder; rename the file")
         path = folder / name
         if path.is_symlink() and path.is_dir():
-            raise ScenarioError(f"{path}: is a link to a folder, and links are not followed; remove the link")
+            raise ScenarioError(f"{path} is a link to a folder, and links are not followed; remove the link")
         if name not in ours and (path.exists() or path.is_symlink()):
-            raise ScenarioError(f"{path}: was not written by agrobot-mj; move it, or specify another folder")
+            raise ScenarioError(f"{path} was not written by agrobot-mj; move it, or specify another folder")
         if name == given and path.is_dir():
-            raise ScenarioError(f"{path}: is a folder, not a file; move it, or specify another folder with --out")
+            raise ScenarioError(f"{path} is a folder, not a file; move it, or specify another folder with --out")
 
 
 def _is_torn_mark(path: Path) -> bool:
-    """Return whether a file is the partial mark of a new folder, left by a killed process."""
+    """Return whether a file is the partial marker file of a new folder, left by a killed process."""
     return path.name.startswith(f".{MARK}.") and path.name.endswith(".part")
 
 
 def _remove_half_written(folder: Path) -> None:
-    """Delete partial files of this package from `folder` and from the subfolders listed in its mark."""
+    """Delete partial files of this package from `folder` and from the subfolders listed in the marker file."""
     ours = {*(owned(folder) or ()), MARK}
     for path in folder.iterdir():
         if (match := _STALE.fullmatch(path.name)) and match["name"] in ours and path.is_file():

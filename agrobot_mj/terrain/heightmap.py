@@ -24,13 +24,13 @@ class Heightmap(Tilted):
 
     kind: Literal["heightmap"] = "heightmap"
     file: str = Field(default="hills.asc", min_length=1)
-    """Height file: path relative to the scenario's folder, or name of a shipped file."""
+    """Height file: path relative to the folder of the scenario, or name of a file shipped with the package."""
     scale: float = 1.0
     """Height per unit of the values in the file [m]. For a 16-bit image: height range divided by 65535."""
     offset_m: float = 0.0
-    """Height added to all heights [m]."""
+    """Height added to all values of the file after scaling [m]."""
     spacing_m: Positive | None = None
-    """Distance between nodes of a .npy or .png file [m]. Default: 1. Other files contain the distance."""
+    """Distance between nodes of a .npy or .png file [m]. Default: 1. Other file types contain the distance."""
     map_origin_m: tuple[Coordinate, Coordinate] | None = None
     """Easting and northing of the point x = y = 0 on the map of an .asc or .tif file [m]. Subtract the same numbers
     from a path surveyed on this map. Default: x = y = 0 is the centre of the grid."""
@@ -51,8 +51,8 @@ class Heightmap(Tilted):
         ground = Ground(*corner, spacing, self._heights(sheet.values))
         if ground.steepest > (limit := tan(radians(STEEPEST_DEG))):
             raise ValueError(
-                f"scale: {self._name} rises {ground.steepest * spacing:.3g} m between nodes {spacing:g} m apart, more "
-                f"than {STEEPEST_DEG:g} deg; its heights are probably in another unit; set a scale of at "
+                f"scale: {self._name} rises {ground.steepest * spacing:.3g} m between nodes {spacing:g} m apart, "
+                f"a slope above {STEEPEST_DEG:g} deg; its heights are probably in another unit; set a scale of at "
                 f"most {rounded_down(abs(self.scale) * limit / ground.steepest):g}"
             )
         return self.tilted(ground)
@@ -69,7 +69,7 @@ class Heightmap(Tilted):
         return sheet.cell
 
     def _corner(self, sheet: Sheet, x: float, y: float) -> tuple[float, float]:
-        """Return the position of the south-west node [m]: (x, y), or its map position relative to `map_origin_m`."""
+        """Return the position of the south-west node [m]: (x, y), or its map position minus `map_origin_m` if given."""
         if self.map_origin_m is None:
             return x, y
         if sheet.corner is None:

@@ -111,7 +111,7 @@ def test_suggestions_include_keys_of_other_tables_and_kinds(data, hint):
 def test_error_for_an_unknown_kind_lists_the_valid_kinds(filling):
     (line,) = faults({"box": {"filling": filling}})
     said = "shelf.toml: box.filling.kind: unknown kind 'foma'; did you mean 'foam'? (known: air, foam)"
-    assert line == f"{said}; a plugin's kind needs --plugin FILE.py"
+    assert line == f"{said}; a plugin's kind needs --plugin FILE.py and @register"
 
 
 def test_error_for_an_invalid_choice_lists_the_valid_choices():

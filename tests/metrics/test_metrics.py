@@ -131,7 +131,7 @@ def test_every_metric_returns_its_declared_columns_as_json_values(metric: Metric
 @pytest.mark.parametrize("values", [None, 1.0, {"unheard_of": 1.0}])
 def test_metric_with_an_invalid_return_value_is_reported(monkeypatch: pytest.MonkeyPatch, values: Any) -> None:
     monkeypatch.setattr(type(METRICS[0]), "evaluate", lambda self, view: values)
-    with pytest.raises(ScenarioError, match=r"the metric \(progress\): evaluate must return a dict of progress, got "):
+    with pytest.raises(ScenarioError, match=r"metric progress: evaluate must return a dict of progress, got "):
         metrics(four_ticks())
 
 

@@ -174,7 +174,7 @@ def test_binary_waypoint_files_are_rejected(tmp_path):
     assert "nowhere.csv: no such file in " in rejection(tmp_path, "nowhere.csv")
     with (tmp_path / "huge.csv").open("wb") as file:
         file.truncate(MAX_BYTES + 1)
-    assert "huge.csv: the file has 2 MB, but the limit is 2" in rejection(tmp_path, "huge.csv")
+    assert "huge.csv: the file size is 2 MB, but the limit is 2" in rejection(tmp_path, "huge.csv")
     assert "path.file" in rejection(tmp_path, "a" * 5000)
 
 

@@ -55,7 +55,7 @@ def test_each_unknown_law_of_a_comparison_is_reported(call):
     assert (status, len(lines)) == (2, 2)
     assert "unknown kind 'zigzag' (known" in lines[0]
     assert "unknown kind 'LQR'; did you mean 'lqr'?" in lines[1]
-    assert all(line.endswith("a plugin's kind needs --plugin FILE.py") for line in lines)
+    assert all(line.endswith("a plugin's kind needs --plugin FILE.py and @register") for line in lines)
 
 
 def test_words_with_only_two_common_letters_are_not_suggested():

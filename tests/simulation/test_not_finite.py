@@ -263,7 +263,8 @@ def test_diverging_plant_ends_the_run_as_diverged(monkeypatch):
 def test_error_names_a_numerically_singular_filter():
     log = run(load_scenario("figure_eight", {**SHORT, "estimator.initial_velocity_sigma_m_s": 1e9}))
     assert log.outcome == "diverged"
-    assert log.metrics["stop_reason"] == "the estimator (ekf) failed: matrix is not positive definite"
+    reason = "the estimator (ekf) failed: the innovation covariance is not positive definite"
+    assert log.metrics["stop_reason"] == reason
 
 
 class Inner(NamedTuple):

@@ -267,10 +267,10 @@ def test_run_identity_depends_on_the_order_of_overrides(tmp_path):
 
 def test_worker_with_a_different_code_version_rejects_the_task(monkeypatch, tmp_path):
     other = code_text()[:-8] + "fedcba98"
-    with pytest.raises(ScenarioError, match="circle: a worker has different libraries"):
+    with pytest.raises(ScenarioError, match="circle: a worker uses different libraries"):
         perform(Task("{}", "circle", {}, identity=read_identity(f"0-0-{other}")))
     client = SimpleNamespace(run=lambda function, plugins: {"tcp://w:1": other}, nthreads=lambda: {"w": 1})
-    with pytest.raises(ScenarioError, match="--scheduler tcp://s:1: worker tcp://w:1 has different libraries"):
+    with pytest.raises(ScenarioError, match="--scheduler tcp://s:1: worker tcp://w:1 uses different libraries"):
         workers._workers(client, "tcp://s:1")
     client.run = lambda function, plugins: {"w": function(plugins)}
     assert workers._workers(client, "tcp://s:1") == 1

@@ -234,7 +234,7 @@ def test_error_for_an_invalid_heightmap_names_the_file_and_a_remedy(tmp_path, na
 def test_heightmap_file_is_not_read_beyond_the_size_limit(tmp_path):
     with (tmp_path / "sparse.asc").open("wb") as stream:
         stream.truncate(MOST_BYTES + 1)
-    with pytest.raises(ValueError, match=r"^file: sparse\.asc: the file has 134 MB, but the limit is 134 MB; crop"):
+    with pytest.raises(ValueError, match=r"^file: sparse\.asc: the file size is 134 MB, but the limit is 134 MB; crop"):
         Heightmap(file=str(tmp_path / "sparse.asc")).ground()
 
 

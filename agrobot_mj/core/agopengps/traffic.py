@@ -55,7 +55,7 @@ class Traffic:
             self.dropped += 1
 
     def table(self, start: int, scenario: str = "") -> pa.Table:
-        """Return the datagrams as a table with t = 0 in cycle `start`; `scenario` is TOML text for the metadata."""
+        """Return the datagrams as a table with t = 0 in link cycle `start`; `scenario` is TOML for the metadata."""
         rows = [((d.turn - start) * TICK_S, *d[1:]) for d in self.kept]
         columns = zip(*rows, strict=True) if rows else ((),) * len(SCHEMA)
         schema = SCHEMA.with_metadata({SCENARIO: scenario.encode()} if scenario else None)
@@ -63,9 +63,10 @@ class Traffic:
 
 
 def read_traffic(path: Path) -> list[Datagram]:
-    """Read the datagrams of a `link.parquet`, with `turn` from 0. Raises `ScenarioError` for an invalid file."""
+    """Read the datagrams of a `link.parquet`; cycle numbers start at 0. Raises `ScenarioError` for an invalid file."""
     if not path.is_file():
-        raise ScenarioError(f"{path}: {absence(path)}; specify the link.parquet of an earlier run with --replay")
+        fix = "specify the link.parquet of an earlier run with --replay"
+        raise ScenarioError(f"{path}: {absence(path, fix)}")
     try:
         table = pq.read_table(path.absolute(), columns=SCHEMA.names).cast(SCHEMA)
     except (pa.ArrowException, OSError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""Plans of other programs: lines of a file as courses that the machine can follow, joined by connections."""
+"""Plans of other programs: the lines of a file become courses that the machine can follow, joined by connections."""
 
 from dataclasses import replace
 from math import hypot
@@ -26,7 +26,7 @@ APART_M, APART_RAD = 0.05, 0.02
 
 
 def stored_plan(file: Path) -> Plan | None:
-    """Return the plan in a file of `field plan`, or None for another file. Raise `ScenarioError` for a damaged plan."""
+    """Return the plan in a `field plan` file, or None for other files. Raise `ScenarioError` for a damaged plan."""
     try:
         if file.suffix != ".json" or FORMAT not in file.read_text("utf-8", "replace")[:200]:
             return None
@@ -51,7 +51,7 @@ def given_plan(file: Path, stored: Plan | None, field: Field, rig: FieldMachine,
 
 
 def _check(plan: Plan, name: str, rig: FieldMachine) -> None:
-    """Raise `ScenarioError` if the plan has another working width, or if a bend is too tight for the machine."""
+    """Raise `ScenarioError` if the machine has another working width than the plan, or if it cannot follow a bend."""
     if abs(plan.width - rig.width) > SAME_M:
         raise ScenarioError(f"--width {rig.width:g}: the plan {name} is for a width of {plan.width:g} m; omit --width")
     place = plan.course.sharpest()
@@ -97,7 +97,7 @@ def plan_of_legs(name: str, legs: tuple[Leg, ...], rig: FieldMachine, sections: 
         pieces += own
         pose = end_of(pose, own)
     if start is None:
-        raise ValueError("the plan has no legs; export its passes as lines")
+        raise ValueError("the plan has no passes; export the passes as lines")
     return Plan(name, rig.width, rig.behind, start, tuple(pieces), tuple(passes), rig.path.cusp_pause_s)
 
 

@@ -34,7 +34,7 @@ def boundary_polygon(points: Array) -> tuple[Polygon, list[str]]:
     whole = float(shapely.union_all([Polygon(part.exterior) for part in parts] if crosses else parts).area)
     lost = whole - found.area
     if crosses and lost > MOST_LOST * whole:
-        raise ValueError(f"{crossing}; its largest part has {found.area:.0f} of {whole:.0f} m2; check these points")
+        raise ValueError(f"{crossing}; its largest part covers {found.area:.0f} of {whole:.0f} m2; check these points")
     if crossing:
         notes.append(
             f"{crossing} and is repaired" + f", without {lost:.2f} m2 of {whole:.0f} m2" * bool(lost > SLIVER_M2)
@@ -57,7 +57,7 @@ def inner_polygons(points: Array, what: str) -> tuple[list[Polygon], list[str]]:
 
 
 def _polygons(points: Array, what: str) -> tuple[list[Polygon], str, list[str]]:
-    """Return the polygons of a ring, a description of its self-crossings (empty for a valid ring), and notes."""
+    """Return the polygons of a ring, a description of its self-crossings (empty for a valid ring), and the notes."""
     notes = list[str]()
     kept = _without_repeats(points, what, notes)
     if (far := outliers(points[kept])).size:
@@ -102,7 +102,7 @@ def _crossing(polygon: Polygon, numbers: Index | None, what: str) -> str:
 
 
 def _simplified(points: Array, what: str, notes: list[str]) -> Array:
-    """Return a simplified ring with at most about `MOST_POINTS` points. Append a note to `notes`."""
+    """Return a simplified ring, usually with fewer than `MOST_POINTS` points. Append a note to `notes`."""
     apart = max(WITHIN_M, 4 * float(np.hypot(*np.ptp(points, axis=0))) / MOST_POINTS)
     near = points[thinned(points, apart, closed=True)]
     found = shapely.get_coordinates(LineString(near).simplify(WITHIN_M, preserve_topology=False))

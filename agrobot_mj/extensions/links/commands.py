@@ -65,6 +65,8 @@ def link(
     from agrobot_mj.extensions.links.agopengps.link import link as run_link
     from agrobot_mj.extensions.links.agopengps.session import LinkOptions
 
+    if port == host_port:
+        raise ScenarioError(f"--port {port}: the guidance program uses this port (--host-port); specify another port")
     options = LinkOptions(
         *(address, port, host_port, replay, start, wait, endpoint(nmea, "--nmea") if nmea else None, pace_of(pace)),
         *(live, not no_rrd, _tell(quiet)),
@@ -95,7 +97,8 @@ def ros2(
 ) -> Answer:
     """Run with a ROS 2 program that sends commands on /cmd_vel.
 
-    The tractor is a node with sensors, odometry, path and clock. Needs the extra ros, in a separate environment.
+    The tractor is a node that publishes sensor data, odometry, path and clock. Requires the extra ros, in a separate
+    environment.
     """
     from agrobot_mj.extensions.links.ros2.session import SENSORS, RosOptions
     from agrobot_mj.extensions.links.ros2.session import ros2 as run_node
@@ -116,7 +119,7 @@ def export(
 ) -> None:
     """Convert a run for other programs.
 
-    Foxglove and `ros2 bag` open MCAP files; needs the extra mcap, but not ROS.
+    Foxglove and `ros2 bag` open MCAP files. Writing MCAP files requires the extra mcap, but not ROS.
     """
     if not mcap:
         raise ScenarioError("export: no format is specified; add --mcap")
@@ -149,7 +152,7 @@ def _check(options: "LinkOptions", given: tuple[str, dict[str, Any], list[str] |
 
 
 def _loaded(given: tuple[str, dict[str, Any], list[str] | None]) -> "Scenario":
-    """Return the scenario for `given`: source, keys and overrides."""
+    """Return the scenario defined by `given`: source, keys and overrides."""
     from agrobot_mj.scenario.loading import load_scenario
 
     source, keys, sets = given

@@ -76,7 +76,7 @@ def twin(
 ) -> Answer:
     """Identify a machine from its logs and replay them.
 
-    Sizes and masses are those of --machine and --set. Writes report.html, machine.toml, scenario.toml, map.toml and
+    Sizes and masses come from --machine and --set. Writes report.html, machine.toml, scenario.toml, map.toml and
     twin.json. Parts: calibrate estimates centre and scale of the steering sensor, latencies and the antenna position;
     identify fits stiffnesses, steering offset, delay and backlash; keys fits any scenario key; replay simulates a plant
     with the recorded steering and speed; valve fits the steering valve to a run.
@@ -88,6 +88,8 @@ def twin(
     if described:
         texts = _described(logs, map_file)
         return Answer({"logs": texts}, "\n\n".join(texts))
+    if not start < end:
+        raise ScenarioError(f"--from {start:g} --to {end:g}: the end must be later than the start")
     chosen = names(",".join(only), "--only") if only else []
     parts = chosen_parts(chosen)
     folder, scenario = _folder(out, chosen, logs[0]), _scenario(logs[0], sets)
@@ -118,7 +120,7 @@ def _described(logs: list[Path], map_file: Path | None) -> list[str]:
 def _folder(out: Path | None, parts: list[str], log: Path) -> Path | None:
     """Return the folder for result files, or None if no files are written.
 
-    Without `out`, identification of a run writes to the run folder. Other parts without a replay write no files.
+    Without `out`, identification of a run writes to the run folder. Calibration and fits to other logs write no files.
     """
     if out is None and parts and "replay" not in parts:
         identified = "calibrate" not in parts and (log / "signals.parquet").is_file()

@@ -1,4 +1,4 @@
-"""Maps of log columns: the schema of `map.toml`, and built-in maps.
+"""Column maps of logs: the schema of `map.toml`, and built-in maps.
 
 A map defines columns with their units, signs, offsets and latencies. Converted values are in SI units and radians, left
 positive, in east-north-up axes. The latency of a value is the time of its row minus the time at which the value was
@@ -23,7 +23,7 @@ Factor = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 
 class TimeColumn(Spec):
-    """Definition of the time column. The first time may have any value."""
+    """Definition of the time column in a log. Times may start at any value."""
 
     column: Name
     """Name of the column. Its values are numbers, or clock times with a date."""
@@ -37,7 +37,7 @@ class MeasuredColumn(Spec):
     column: Name
     """Name of the column in the log."""
     delay_s: Delay = 0.0
-    """Latency of the values [s]: time of the row minus time of validity."""
+    """Latency of the values [s]: time of the row minus the time at which the value was valid."""
 
 
 class SteerColumn(MeasuredColumn):
@@ -46,9 +46,9 @@ class SteerColumn(MeasuredColumn):
     unit: Literal["deg", "rad", "1/m"] = "deg"
     """Unit of the values. With 1/m, values are curvatures of the turning circle at the rear axle."""
     wheelbase_m: Annotated[float, Field(gt=0, le=20)] | None = None
-    """Wheelbase that converts curvatures to angles [m]."""
+    """Wheelbase for the conversion of curvatures to angles [m]."""
     positive: Literal["left", "right"] = "left"
-    """Steering direction with positive values."""
+    """Steering direction for which the column values are positive."""
     offset: Factor = 0.0
     """Column value with the wheels straight ahead [unit of the column]."""
     scale: Annotated[float, Field(gt=0, le=100)] = 1.0
@@ -65,7 +65,7 @@ class SteerColumn(MeasuredColumn):
         return self
 
     def as_read(self) -> "SteerColumn":
-        """Return the definition for raw sensor values, which are treated as angles in radians or as curvatures."""
+        """Return the definition for raw sensor values, which count as angles in radians or as curvatures."""
         unit = self.unit if self.unit == "1/m" else "rad"
         return self.model_copy(
             update={"unit": unit, "positive": "left", "offset": 0.0, "scale": 1.0, "scale_right": None}
@@ -73,7 +73,7 @@ class SteerColumn(MeasuredColumn):
 
 
 class ValveColumn(MeasuredColumn):
-    """Definition of the column with the valve voltage, or with a proportional signal, for example a PWM value."""
+    """Definition of the column with the valve voltage, or with a signal proportional to it, for example a PWM value."""
 
     volts_per_unit: Factor = 1.0
     """Valve voltage (0-12 V) per unit of the column [V/unit], negative if values increase to the right."""
@@ -100,7 +100,7 @@ class YawRateColumn(MeasuredColumn):
     unit: Literal["deg/s", "rad/s"] = "deg/s"
     """Unit of the yaw rate values."""
     positive: Literal["left", "right"] = "left"
-    """Direction of rotation with positive values."""
+    """Direction of rotation for which the column values are positive."""
     offset: Factor = 0.0
     """Column value without rotation [unit of the column]."""
 
@@ -117,7 +117,7 @@ class HeadingColumn(MeasuredColumn):
     quality: Name | None = None
     """Column with the quality of the heading. Headings in rows without an `accepted` quality are omitted."""
     accepted: Accepted = (1,)
-    """Values of the quality column in valid rows, as numbers or text. True equals 1."""
+    """Values of the quality column in valid rows, as numbers or text. The value true equals 1."""
 
 
 class PositionColumns(Spec):
@@ -163,7 +163,7 @@ class PositionColumns(Spec):
 
 
 def _named(log_map: Spec) -> Iterator[tuple[str, str]]:
-    """Yield map keys that name a column, and the names of these columns."""
+    """Yield the map keys that name a column, with the names of the columns."""
     for part, spec in log_map:
         for key in ("column", "latitude", "longitude", "east", "north", "quality"):
             if isinstance(spec, Spec) and (column := getattr(spec, key, None)):
@@ -176,7 +176,7 @@ class LogMap(Spec):
     title: str = ""
     """Title of the recording."""
     time: TimeColumn
-    """Time column."""
+    """Name and unit of the time column in the log."""
     speed: SpeedColumn
     """Column of the speed along the heading."""
     steer: SteerColumn | None = None
@@ -186,7 +186,7 @@ class LogMap(Spec):
     yaw_rate: YawRateColumn | None = None
     """Column of the yaw rate from a gyro. Default: derivative of the heading or the course."""
     heading: HeadingColumn | None = None
-    """Column of the body heading."""
+    """Column of the heading of the tractor body."""
     position: PositionColumns | None = None
     """Columns of the position of a tractor point, usually the antenna."""
 
@@ -195,7 +195,7 @@ class LogMap(Spec):
         if self.steer is None and self.valve is None:
             raise ValueError("steer: is missing; add [steer] for the wheel angle or [valve] for the voltage")
         if self.yaw_rate is None and self.heading is None and self.position is None:
-            raise ValueError("yaw_rate: the map has no measured motion; add [yaw_rate], [heading] or [position]")
+            raise ValueError("yaw_rate: the map has no column of the motion; add [yaw_rate], [heading] or [position]")
         named = dict[str, str]()
         for key, column in _named(self):
             if (other := named.setdefault(column, key)) != key:
@@ -254,13 +254,13 @@ SI_TABLES: tuple[tuple[str, tuple[str, ...], dict[str, Any]], ...] = (
     ("position", ("latitude", "longitude"), {"latitude": "latitude", "longitude": "longitude"}),
     ("position", ("east", "north"), {"east": "east", "north": "north"}),
 )
-"""Map tables for logs in SI units: table name, required columns, keys. Earlier entries of a table take precedence."""
+"""Map tables for logs in SI units: table name, required columns, keys. The first suitable entry for a table applies."""
 INSTEAD = {
     "steer_demand": "the commanded angle; the residuals then include the lag of the steering",
     "curvature": 'with unit = "1/m" and wheelbase_m',
     "steering_wheel": "the angle of the steering wheel, with scale = wheel angle / steering-wheel angle",
 }
-"""Columns that a user-defined map may use instead of a measured wheel angle, with instructions."""
+"""Columns that a user-defined map may contain instead of a measured wheel angle, with instructions."""
 
 
 def si_tables(names: Sequence[str], changed: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
@@ -276,7 +276,7 @@ def si_tables(names: Sequence[str], changed: Mapping[str, Mapping[str, Any]]) ->
 
 
 def lacking(tables: Iterable[str], names: Sequence[str]) -> str:
-    """Return a text that names the tables missing for a replay, or an empty string if all are present."""
+    """Return a text that names the quantities missing for a replay, or an empty string if all are available."""
     there = set(tables)
     lacks = [] if there & {"steer", "valve"} else ["no wheel angle"]
     lacks += [] if "speed" in there else ["no speed"]

@@ -40,7 +40,8 @@ class Job:
     """Logs of one machine with the options of their analysis."""
 
     def __init__(self, logs: list[Path], map_file: Path | None, scenario: Scenario, **options: Any) -> None:
-        """Create a job with options: `start_s`, `end_s` [s], `share` [-], parameter `names`, steering input `by`."""
+        """Create a job with `options`: `start_s`, `end_s` [s], `share` of the fit [-], parameters `names`, replay input
+        `by`."""
         self.logs, self.map_file, self.scenario, self.options = logs, map_file, scenario, options
 
     @cached_property
@@ -56,12 +57,12 @@ class Job:
 
     @cached_property
     def health(self) -> list[str]:
-        """Sentences about properties of the logs. The list is empty for logs without a wheel angle."""
+        """Sentences about steering centre, antenna position, noise and bursts. Empty for logs without a wheel angle."""
         sources, log_map = self.opened
         return health_lines(sources, log_map) if log_map.steer is not None else []
 
     def identity(self, *names: str) -> str:
-        """Return the identity of a result, which includes the values of the options `names`."""
+        """Return the identity of a result that depends on the options `names`."""
         sources, log_map, scenario, options = self.given(*names)
         return log_identity(scenario, sources, log_map, **options)
 
@@ -71,7 +72,7 @@ class Job:
 
 
 class Finding(NamedTuple):
-    """Result of one part of the analysis."""
+    """Result of one part of the log analysis."""
 
     lines: Iterable[str]
     content: Mapping[str, Any] = MappingProxyType({})  # Content of the JSON file, or empty without a result
@@ -80,12 +81,12 @@ class Finding(NamedTuple):
 
 
 class LogPart(NamedTuple):
-    """Definition of one part of the analysis."""
+    """Definition of one part of the log analysis."""
 
     run: Callable[[Job], Finding]
     file: str  # Name of the JSON file
     others: Callable[[Scenario], tuple[str, ...]] = lambda scenario: ()
-    """Function that returns the names of further result files for a scenario."""
+    """Function that returns the names of the other result files, given the scenario."""
 
 
 def analyse(parts: Mapping[str, LogPart], job: Job, folder: Path | None) -> dict[str, Finding]:
@@ -104,7 +105,7 @@ def analyse(parts: Mapping[str, LogPart], job: Job, folder: Path | None) -> dict
 
 
 def calibration(job: Job) -> Finding:
-    """Calibrate centre, scale and sign of the steering, latencies, mounting, and antenna position."""
+    """Calibrate the centre, scale and sign of the steering, and latencies, mounting and antenna position."""
     sources, log_map, scenario, options = job.given()
     return _calibration(calibrate(sources, log_map, scenario, **options), scenario, job.identity())
 
@@ -123,7 +124,7 @@ def _calibration(found: Calibration, scenario: Scenario, identity: str) -> Findi
 
 
 def vehicle(job: Job) -> Finding:
-    """Identify stiffness and relaxation of the tyres, and offset, delay and backlash of the steering."""
+    """Identify the stiffness and relaxation length of the tyres, and the offset, delay and backlash of the steering."""
     sources, log_map, scenario, options = job.given("names", "share")
     try:
         found = identify_vehicle(sources, log_map, scenario, **options)
@@ -172,7 +173,7 @@ def valve(job: Job) -> Finding:
     """Identify the steering valve from a run."""
     run = job.logs[0]
     if len(job.logs) > 1:
-        raise ScenarioError("--only valve: the valve is fitted to one run; specify only one folder")
+        raise ScenarioError("--only valve: the valve model is fitted to a single run; specify only one folder")
     if not run.is_dir():
         raise ScenarioError(f"--only valve: {run} is not a folder; specify the folder of a run")
     signals, scenario = run / "signals.parquet", job.scenario
@@ -211,7 +212,7 @@ def _text(value: float | None, absent: str = "-") -> str:
 
 
 def whole(job: Job) -> Finding:
-    """Calibrate sensors and identify the vehicle with the first part of the logs, and replay the rest."""
+    """Calibrate the sensors and identify the vehicle with the first part of the logs, and replay the other part."""
     sources, log_map, scenario, options = job.given("share")
     found = twin(sources, log_map, scenario, **options)
     content = {
@@ -235,11 +236,11 @@ PARTS = {
 }
 """Parts of the analysis that the option `--only` selects, by name."""
 WHOLE = {"twin": LogPart(whole, "twin.json", lambda scenario: FILES)}
-"""Default analysis: calibration, identification, replay and report."""
+"""Default analysis, which includes calibration, identification, replay and report."""
 
 
 def chosen_parts(names: Sequence[str]) -> dict[str, LogPart]:
-    """Return the parts with the given names. Without names, return the default analysis. Raises `ScenarioError`."""
+    """Return the parts `names` of the analysis, by default `WHOLE`. Raises `ScenarioError` for unknown names."""
     if unknown := next((name for name in names if name not in PARTS), None):
         near = suggestion(unknown, list(PARTS))
         raise ScenarioError(f"--only {unknown}: unknown part{near} (known: {', '.join(PARTS)})")

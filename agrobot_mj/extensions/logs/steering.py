@@ -1,9 +1,9 @@
 """Steering relation of a log without tyre slip: centre, scale and latency of the sensor by regression.
 
-The wheel angle without slip, atan(L r / u), is computed from yaw rate r, speed u and wheelbase L. It is regressed on
-the raw sensor value, with the latency that explains the largest variance. A sensor on one wheel or on a linkage has
-different scales to both sides. If the scales differ significantly, two lines that meet at the centre are fitted,
-because one line would shift the centre.
+The wheel angle without slip, atan(L r / u), is computed from yaw rate r, speed u and wheelbase L. This angle is
+regressed on the raw sensor value, with the latency that explains the most variance. A sensor on one wheel or on a
+linkage has different scales to the left and to the right. If the scales differ significantly, two lines that meet at
+the centre are fitted, because one line would shift the centre.
 """
 
 from collections.abc import Sequence
@@ -20,21 +20,20 @@ from agrobot_mj.extensions.logs.series import TimeSeries, scatter
 
 AGES_S = np.arange(-0.5, 1.5, 0.02)  # Evaluated latencies of the yaw rate relative to the steering [s]
 LEAST_EXPLAINED = 0.5
-"""Minimum fraction of the angle variance that a valid regression explains [-]. Assumed value; working sensors give more
-than 0.9."""
+"""Minimum fraction of the angle variance that a valid regression explains [-]. Assumed value; working sensors exceed
+0.9."""
 LEAST_SAMPLES = 50  # Minimum number of yaw-rate samples for a regression
 OUTLIER = 3.0  # Distance from the line above which a sample is an outlier [robust standard deviations]
 SIDES_DIFFER, SURELY = 0.05, 4.0
 """Criteria for separate scales to the left and right: minimum relative difference, and minimum ratio of the difference
-to its standard error [-]. Assumed values: scales of linkages differ by more."""
+to its standard error [-]. Assumed values: the scales of linkages differ by more."""
 LEAST_SIDE, SIDE_RAD = 0.1, radians(2.0)
-"""Criteria for separate scales to the left and right: minimum fraction of samples on each side [-] with a wheel angle
-above the second value [rad]. Assumed values."""
+"""Criteria for separate scales to the left and right: minimum fraction of samples on each side [-], and minimum wheel
+angle of these samples [rad]. Assumed values."""
 BLOCKS = 6  # Number of blocks into which a log is divided for standard errors by the jackknife
 CENTRES = 101  # Number of steering centres that a search evaluates
 MOVED_DEG, SIGMAS = 1.0, 3.0
-"""Minimum difference between steering centres that is reported [deg], in addition to the second number of standard
-errors [-]."""
+"""Terms of the minimum reported difference between steering centres: constant [deg], number of standard errors [-]."""
 
 
 class RoughSteering(NamedTuple):
@@ -58,7 +57,7 @@ class RoughSteering(NamedTuple):
         return reading - np.where(angle < 0, angle / self.right, angle) / self.scale
 
     def angle(self, recording: FieldRecording) -> FieldRecording:
-        """Return the recording with wheel angles instead of sensor values, for the scale to the left on both sides."""
+        """Return the recording with wheel angles instead of sensor values. The left scale applies to both sides."""
         assert recording.steer is not None
         t, reading = recording.steer
         return recording._replace(steer=TimeSeries(t, self.scale * (reading - self.centre)))
@@ -80,12 +79,13 @@ class TurningSamples(NamedTuple):
 
 
 def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughSteering:
-    """Regress the wheel angle without slip on the raw sensor value. Raises `FieldLogError` for a poor fit."""
+    """Fit the wheel angle without slip as a function of the raw sensor value. Raises `FieldLogError` for a poor fit."""
     found, name = turning(pieces, wheelbase), pieces[0].name
     if found is None or len(found.angle) < LEAST_SAMPLES:
+        seconds, count = sum(each.end - each.start for each in pieces), 0 if found is None else len(found.angle)
         raise FieldLogError(
-            f"{name}: the log has too few values of yaw rate, heading or position in motion; add a column to the map, "
-            "or use a longer log"
+            f"{name}: {seconds:.0f} s of the log are usable, with {count} values of yaw rate, heading or position in "
+            f"motion, but a fit needs {LEAST_SAMPLES}; add a column to the map, or use a longer log"
         )
     best = line_of(found)
     if best.explained < LEAST_EXPLAINED:
@@ -119,7 +119,7 @@ def _turning(piece: FieldRecording, wheelbase: float) -> TurningSamples | None:
 
 
 def line_of(found: TurningSamples) -> RoughSteering:
-    """Return the regression line for the latency that explains the largest variance."""
+    """Return the regression line for the latency that explains the most variance."""
     lines = (_line(reading, found.angle, found.weight) for reading in found.reading)
     (explained, scale, centre), age = max(zip(lines, map(float, AGES_S), strict=True))
     return RoughSteering(centre, scale, age, explained)
@@ -127,7 +127,7 @@ def line_of(found: TurningSamples) -> RoughSteering:
 
 def _line(reading: Array, angle: Array, weight: Array) -> tuple[float, float, float]:
     """Return the explained fraction of variance, the slope, and the sensor value at angle zero of a regression line.
-    Outliers are removed once."""
+    The fit is repeated once without outliers."""
     kept = np.ones(len(angle), dtype=bool)
     for _ in range(2):
         if np.ptp(reading[kept]) == 0.0 or np.ptp(angle[kept]) == 0.0:
@@ -186,7 +186,7 @@ def _slopes(samples: Array, centre: float, scale: float) -> tuple[float, float, 
 
 
 def centre_of(kept: Sequence[FieldRecording], wheelbase: float, rough: RoughSteering) -> SteeringCentre | None:
-    """Return the mean steering centre for the scales of `rough`, with its standard error. None without samples."""
+    """Return the mean steering centre for the scales of `rough`, with its standard error, or None without samples."""
     if (found := turning(kept, wheelbase)) is None:
         return None
     read = found.reading[int(np.abs(AGES_S - rough.age).argmin())]

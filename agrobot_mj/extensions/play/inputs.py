@@ -1,7 +1,7 @@
-"""Driver inputs of a drive, stored in a CSV file with one row for each change.
+"""Driver inputs of an interactive drive, stored in a CSV file with one row for each change.
 
 Columns: first tick of the input, number of the active guidance law (0 for the driver), steering angle [rad], and speed
-[m/s]. An empty speed means the speed of the path. Numbers are stored with all digits, so that a drive can be repeated
+[m/s]. An empty speed means the speed of the path. Numbers are stored with all digits, so that the drive can be repeated
 exactly.
 """
 
@@ -21,7 +21,7 @@ MOST_BYTES = 20_000_000  # Maximum size of a CSV file [bytes], sufficient for se
 
 
 class PlayInput(NamedTuple):
-    """Driver input in one tick. Default: control by the driver at zero speed."""
+    """Driver input in one tick. The default is control by the driver at zero speed."""
 
     law: int = 0  # Index of the law that steers, from 1, or 0 for the driver
     steer: float = 0.0  # Steering angle of the driver [rad], left positive
@@ -50,7 +50,7 @@ def write_inputs(path: Path, changes: Iterable[tuple[int, PlayInput]]) -> None:
 
 
 def read_inputs(name: str) -> PlayTable:
-    """Return the inputs in a CSV file. Raise a ValueError that names the line and the fix if the file is invalid.
+    """Return the inputs in a CSV file. Raise a ValueError that names the line and a remedy if the file is invalid.
 
     The result is cached until the file changes.
     """
@@ -87,7 +87,8 @@ def _row(row: Sequence[str], place: str) -> tuple[int, PlayInput]:
         raise ValueError(f"{place}: must be four numbers ({', '.join(HEADER)}), got {','.join(row)!r}") from None
     if whole < 0 or one.law < 0 or not isfinite(one.steer) or not (isfinite(one.speed) or not speed):
         raise ValueError(
-            f"{place}: tick and law must not be negative, and all numbers must be finite; got {','.join(row)!r}"
+            f"{place}: tick and law (an index) must not be negative, and all numbers must be finite; "
+            f"got {','.join(row)!r}"
         )
     if not speed and not one.law:
         raise ValueError(f"{place}: speed_m_s is missing for the driver; specify a number, 0 for standstill")

@@ -17,9 +17,12 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.imports.shapes import DEGREES, LocalShapes, Polyline, ShapeFile
 
 FAR_M = 2000.0
-"""Distance from the origin above which coordinates belong to a map grid [m]. Assumed value: larger than a field."""
+"""Distance from the origin above which coordinates belong to a map grid [m]. Assumed value, larger than a field."""
+OUTSIDE_DEG = 10.0
+"""Maximum latitude difference from the area of use of a coordinate system [deg]. Assumed value; coordinates in metres
+near their origin are about 40 deg outside the area of a grid in Europe."""
 LARGEST_M, SMALLEST_M = 100e3, 1.0
-"""Maximum extent of a file, and minimum extent of coordinates in metres [m]. A smaller extent indicates degrees."""
+"""Maximum extent of the points in a file, and minimum extent in metres [m]. Smaller extents indicate degrees."""
 
 
 def local_shapes(file: ShapeFile, crs: str = "", plane: LocalShapes | None = None) -> LocalShapes:
@@ -85,9 +88,13 @@ def _converter(crs: str) -> Callable[[Array], Array]:
     except pyproj.exceptions.ProjError:
         raise ValueError(f"crs: {crs[:60]!r} is not a known coordinate system; write it like EPSG:25832") from None
 
+    area = transformer.source_crs.area_of_use
+
     def converted(points: Array) -> Array:
         found: Array = np.column_stack(transformer.transform(points[:, 0], points[:, 1]))
-        if not np.isfinite(found).all():
+        lat = found[:, 1]
+        outside = area and (lat.min() < area.south - OUTSIDE_DEG or lat.max() > area.north + OUTSIDE_DEG)
+        if outside or not np.isfinite(found).all():
             raise ValueError(f"the file has coordinates outside the area of {crs[:60]}; correct the coordinate system")
         return found
 

@@ -12,9 +12,10 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.machine import Machine
 from agrobot_mj.plants.mujoco.stepping import TractorMotion
 
-CLOSES_BELOW_DEG = 3.0  # Difference between the steering angles of release and engagement [deg]. Assumed value (2-5).
+CLOSES_BELOW_DEG = 3.0
+"""Difference between the steering angles at release and engagement of a clutch [deg]. Assumed value (range 2-5)."""
 RELEASES_AT = 0.5
-"""Slip at release of the front-wheel drive divided by slip at its engagement [-]. Assumed value (0.3-0.7)."""
+"""Slip at release of the front-wheel drive divided by slip at its engagement [-]. Assumed value (range 0.3-0.7)."""
 LEAST_M_S = 0.1  # Rim speed below which slip is not evaluated [m/s]
 LOCK, FRONT = "differential_lock", "front_wheel_drive"
 
@@ -35,7 +36,7 @@ class Clutches:
 
     @property
     def memories(self) -> tuple[Array, ...]:
-        """Offset of each coupling [rad], shape (1,), modified in place; empty if no clutch switches."""
+        """Offset of each coupling [rad], shape (1,), modified in place; empty if no clutch switches during a run."""
         return tuple(self.model.eq_data[i, :1] for i in self.ids.values()) if self.switched else ()
 
     def reset(self) -> None:
@@ -44,7 +45,7 @@ class Clutches:
             offset[:] = 0.0
 
     def update(self, motion: TractorMotion) -> None:
-        """Engage or release each clutch according to the steering angle and the slip of the current motion."""
+        """Engage or release each clutch according to the current steering angle and slip."""
         steer, drive = abs(degrees(motion.steer)), self.drive
         if drive.differential_lock:
             self._set(LOCK, self._straight(LOCK, steer, drive.lock_release_deg))

@@ -62,9 +62,9 @@ def snapshots(
 ) -> list[Path]:
     """Write an image of each tab (default: all) at each time [s] to `folder`/<tab>_<time>.png. Return the files.
 
-    If `tabs` contains the name of a 3D view, the view fills the image. The kinds `gif` and `mp4` are animations of 10 s
-    that start at each time, or end with the recording; `mp4` requires the program ffmpeg. Default time: `SHOWN_S`, or
-    the end of a shorter recording. `size` is the width and height of the images [pixels]. Progress is printed to stderr
+    If `tabs` contains the name of a 3D view, this view fills the image. With `kind` "gif" or "mp4", a 10 s animation
+    starts at each time or ends with the recording; "mp4" requires the program ffmpeg. Default time: `SHOWN_S`, or the
+    end of a shorter recording. `size` is the width and height of the images [pixels]. Progress is printed to stderr
     unless `quiet`.
 
     Raise `SnapshotError` if the viewer cannot render or open the file, and `ScenarioError` for an unknown tab or a time
@@ -83,7 +83,7 @@ def snapshots(
             except _LateError as error:
                 cause = str(error)
     raise SnapshotError(
-        f"{file}: no images in {TRIES} attempts: {cause}; try a less loaded machine, or fewer --tab and --at"
+        f"{file}: no images in {TRIES} attempts: {cause}; use a less loaded computer, or fewer --tab and --at options"
     )
 
 

@@ -63,7 +63,7 @@ class Done(NamedTuple):
 
 
 def base_text(base: Scenario) -> str:
-    """Return a scenario as JSON text without default values. `resolve` converts it back to an equal scenario."""
+    """Return a scenario as JSON text without default values. `resolve` converts the text back to an equal scenario."""
     return json.dumps(explicit_values(base), sort_keys=True)
 
 
@@ -74,7 +74,7 @@ def perform(task: Task) -> Done:
     handlers, and `ScenarioError` if the code of this process differs from the code in the task identity.
     """
     if task.identity and (apart := differing(code_text(), task.identity.code)):
-        raise ScenarioError(f"{task.name}: a worker has {other_code(apart)}")
+        raise ScenarioError(f"{task.name}: a worker uses {other_code(apart)}")
     began, identity = time.perf_counter(), None
     try:
         base = _base(task.base, task.name)
@@ -143,7 +143,7 @@ def other_code(parts: Sequence[str]) -> str:
 def files_kept(keep: str, expected: bool) -> tuple[str, ...]:
     """Return the names of the files kept for a completed run. `keep` is a value of `SweepFile.keep`, or `poses`.
 
-    `expected` is whether the run ended as expected.
+    `expected` states whether the run ended as expected.
     """
     if keep == "table" or (keep == "failures" and expected):
         return ()

@@ -29,7 +29,7 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.studies.engine.tasks import Done, Task, failure, other_code, perform
 
 AHEAD = 2
-"""Maximum number of submitted work items per worker, one running and one waiting, which limits the memory usage."""
+"""Maximum number of submitted work items per worker: one running and one waiting, to limit the memory usage."""
 UNSTARTED = (
     "no worker process can start because the import of the main program fails there; save the program as a file with "
     'its code below `if __name__ == "__main__":`, or use one job'
@@ -144,8 +144,10 @@ def _executor(workers: int, scratch: str) -> ProcessPoolExecutor:
     try:
         return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker, initargs=known)
     except OSError as error:  # the semaphores of the queues cannot be created
-        text = f"worker processes need shared memory, on Linux in /dev/shm: {error.strerror}; make it writable"
-        raise ScenarioError(f"{text}, or use one job") from error
+        raise ScenarioError(
+            f"worker processes need shared memory, on Linux in /dev/shm: {error.strerror}; make it writable, or use "
+            "one job"
+        ) from error
 
 
 def _stop(executor: ProcessPoolExecutor, at_once: bool) -> None:
@@ -245,10 +247,12 @@ def _workers(client: "Client", address: str) -> int:
     except Exception as error:
         raise ScenarioError(f"--scheduler {address}: a worker is not ready: {type(error).__name__}: {error}") from None
     if not codes:
-        raise ScenarioError(f"--scheduler {address}: it has no workers; start one with: dask worker {address}")
+        raise ScenarioError(
+            f"--scheduler {address}: the scheduler has no workers; start one with: dask worker {address}"
+        )
     for worker, text in codes.items():
         if apart := differing(text, code_text()):
-            raise ScenarioError(f"--scheduler {address}: worker {worker} has {other_code(apart)}")
+            raise ScenarioError(f"--scheduler {address}: worker {worker} uses {other_code(apart)}")
     return max(1, sum(map(int, client.nthreads().values())))
 
 

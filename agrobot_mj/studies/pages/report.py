@@ -12,7 +12,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.resources import installed
+from agrobot_mj.core.resources import folder_absence, installed
 from agrobot_mj.metrics.success import error_of
 from agrobot_mj.scenario.plugins import with_plugin_options
 from agrobot_mj.simulation.results import check_folder
@@ -27,7 +27,7 @@ from agrobot_mj.studies.sweep.store import read_rows
 
 Page = Callable[[Path], Document]  # Function that returns the report page of a results folder
 Section = Callable[[Document, Path, str | None], list[Path]]
-"""Type of a function that adds a section to the page of a folder and returns the written files.
+"""Type of a function that adds a section to the page of a results folder and returns the written files.
 
 The third argument is the metric of the option `--metric`.
 """
@@ -115,7 +115,7 @@ def known_reports() -> tuple[dict[str, Page | str], dict[str, list[Section]]]:
 def write_report(folder: Path, metric: str | None = None) -> list[Path]:
     """Write the report of a results folder and return the written files. Raise `ScenarioError` for unknown results."""
     if not folder.is_dir():
-        raise ScenarioError(f"{folder}: no such folder")
+        raise ScenarioError(f"{folder}: {folder_absence(folder)}")
     pages, sections = known_reports()
     found = next((name for name in pages if (folder / name).is_file()), None)
     if found is None:

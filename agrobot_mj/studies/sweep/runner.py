@@ -18,7 +18,7 @@ from agrobot_mj.studies.sweep.store import TABLE, Store, begun, merge
 MAX_EXAMPLES = 100
 """Maximum number of example scenarios that are checked for configuration hints, at equal intervals of the plan."""
 Begin = Callable[[Iterator[Scenario]], object]
-"""Type of a function that is called before the first run with example scenarios of the sweep."""
+"""Type of a function that receives example scenarios of a sweep before the first run."""
 Shard = tuple[int, int]  # Number of a part of the runs, from 1, and number of parts
 
 
@@ -50,9 +50,10 @@ class SweepSummary(NamedTuple):
 def sweep(
     source: str | Path, folder: Path, options: SweepOptions = DEFAULTS, begin: Begin = lambda some: None
 ) -> SweepSummary:
-    """Run the missing runs of a sweep and write all results to `folder`. Raise `ScenarioError` before the first run.
+    """Simulate the missing runs of a sweep and write all results to `folder`.
 
-    `begin` is called before the first run with example scenarios of the sweep.
+    `begin` receives example scenarios before the first run. Raise `ScenarioError` before the first run if a run is
+    infeasible.
     """
     plan = SweepPlan(read_sweep(source))
     plan.check_size(options.max_runs)  # must precede all loops over the runs
@@ -63,7 +64,7 @@ def sweep(
 
 
 def drive(store: Store, options: SweepOptions, begin: Begin = lambda some: None) -> SweepSummary:
-    """Run the missing runs of a sweep in its results folder, and write the results table.
+    """Simulate the missing runs of a sweep in its results folder, and write the results table.
 
     The caller locks the folder, unless several processes run parts of the sweep in it.
     """
@@ -92,9 +93,9 @@ def drive(store: Store, options: SweepOptions, begin: Begin = lambda some: None)
 
 
 def merged(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
-    """Merge the results of parts of a sweep into `folder`. Return the number of rows and the number of planned runs."""
+    """Merge the results of parts of a sweep into `folder`. Return the numbers of rows and of planned runs."""
     if not sources:
-        raise ScenarioError(f"{folder}: no such folder; specify folders written with --shard")
+        raise ScenarioError(f"{folder}: none of the folders to merge exists; specify folders written with --shard")
     with results(folder, (TABLE,), shared=True):
         return merge(sources, folder)
 

@@ -148,7 +148,7 @@ HOSTILE = {
     "blank": (b"\n \n\n", "the file contains no positions; export it again"),
     "a bow": (
         metres(BOW).encode(),
-        "the boundary crosses itself at (37.5, 37.5) m between points 1-2 and 3-4; its largest part has 3125",
+        "the boundary crosses itself at (37.5, 37.5) m between points 1-2 and 3-4; its largest part covers 3125",
     ),
     "a hole around": (geojson(feature(degrees(RING), degrees(2 * RING))).encode(), "the holes cover the whole field"),
     "decimal commas": (b"lat,lon\n52,31,6,72\n52,31,6,73\n", "write decimal points instead of decimal commas"),

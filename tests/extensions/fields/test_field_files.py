@@ -75,6 +75,21 @@ def aog(folder, comma="."):
     return folder
 
 
+def test_csv_title_row_that_starts_with_point_is_not_read_as_wkt(tmp_path):
+    rows = "\n".join(f"{k},{x},{y}" for k, (x, y) in enumerate(RING))
+    field = field_of(tmp_path, "survey.csv", f"point,easting_m,northing_m\n{rows}\n")
+    assert field.boundary.area == pytest.approx(shapely.Polygon(RING).area)
+    assert field.notes == ("column point is ignored",)
+
+
+def test_metres_from_a_local_origin_are_rejected_in_a_national_grid(tmp_path):
+    pytest.importorskip("pyproj")
+    file = tmp_path / "local.csv"
+    file.write_text("x,y\n0,0\n60,0\n60,50\n0,50\n")
+    with pytest.raises(ScenarioError, match="coordinates outside the area of EPSG:25832; correct"):
+        read_field(file, crs="EPSG:25832")
+
+
 @pytest.mark.parametrize("comma", [".", ","])
 def test_agopengps_folder_gives_boundary_and_headland(tmp_path, comma):
     field = read_field(aog(tmp_path / "Hill", comma))

@@ -71,5 +71,5 @@ def test_plan_of_another_working_width_is_rejected(tmp_path):
 
 
 def test_plan_without_legs_is_rejected():
-    with pytest.raises(ValueError, match="the plan has no legs"):
+    with pytest.raises(ValueError, match="the plan has no passes"):
         plan_of_legs("field", (), machine(), 1)

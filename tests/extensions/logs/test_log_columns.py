@@ -77,7 +77,7 @@ def test_error_for_a_missing_column_names_the_key_and_a_similar_column(write):
         (np.zeros(100), "is constant"),
         (T[::-1], "decreases at row 2; sort"),
         (np.concatenate([T[:2], T[1:]]), "does not increase at row 3; sort"),
-        (np.floor(T), "repeats each time in 20 rows; export more digits"),
+        (np.floor(T), "each time occurs in 20 rows; export times with more digits"),
         (np.where(T[7] == T, np.nan, T), "is not a number in row 8"),
         (1000 * T, 'indicates milliseconds; set time.unit, e.g. "ms"'),
         (T[:1], "has 1 rows"),

@@ -57,11 +57,9 @@ def test_damaged_lines_are_counted_and_too_many_rejected(tmp_path, columns):
     lines = lines_of(columns)
     lines[50], lines[70], lines[90] = lines[50][:-9], "what was that?", lines[90].split("{")[0] + "[1, 2]"
     (tmp_path / "log").write_text("\n".join(lines))
-    assert any(
-        "3 damaged lines are omitted, the first one is line 51" in note for note in open_log(tmp_path / "log").notes
-    )
+    assert any("3 damaged lines are omitted (first: line 51" in note for note in open_log(tmp_path / "log").notes)
     (tmp_path / "log").write_text("\n".join(lines[:30] + ["?"] * 15))
-    with pytest.raises(FieldLogError, match=r"15 of 45 lines cannot be read, the first one is line 31"):
+    with pytest.raises(FieldLogError, match=r"15 of 45 lines cannot be read \(first: line 31"):
         open_log(tmp_path / "log")
 
 

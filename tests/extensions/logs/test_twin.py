@@ -239,7 +239,7 @@ def test_latency_outside_the_search_range_is_rejected(one):
     log_map = read_map(one / "twin" / "map.toml")
     old = log_map.model_copy(update={"position": log_map.position.model_copy(update={"delay_s": -2.0})})
     with pytest.raises(
-        FieldLogError, match=r"latency of \[position\] is at the limit .* \+1.5 s from the value of the map; set"
+        FieldLogError, match=r"latency of \[position\] is at the limit .* \+1.5 s from the value in the column map; set"
     ):
         calibrate([one / "log.csv"], old, load_scenario("straight_line"), 5, 60)
 

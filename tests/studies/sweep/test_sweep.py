@@ -345,7 +345,7 @@ def test_merging_unrelated_folders_is_rejected(serial, file, tmp_path, call):
     (tmp_path / "empty").mkdir()
     assert "has no results of a sweep" in call("--merge", serial, "empty", "--out", "all")[2]
     status, _, err = call("--merge", "mine.toml", "--out", "nowhere")
-    assert (status, "nowhere: no such folder; specify folders written with --shard" in err) == (2, True)
+    assert (status, "none of the folders to merge exists; specify folders written with --shard" in err) == (2, True)
     assert not Path("nowhere").exists()
 
 

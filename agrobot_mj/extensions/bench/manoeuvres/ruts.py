@@ -1,12 +1,13 @@
 """Ruts in soil
 
 A plate is pressed into a cell of soil, unloaded and pressed again. Its pressure must follow Bekker's p = k z^n with k =
-k_c / b + k_phi [Bekker1969], and N loadings to equal pressure must sink the plate to z_1 N^(1/a), with the sinkage z_1
+k_c / b + k_phi [Bekker1969]. After N loadings to equal pressure, the sinkage must be z_1 N^(1/a), with the sinkage z_1
 of one loading [Abebe1989]. Then a rear wheel with its static load is towed over untouched soil, repeatedly along the
 same track. A rigid wheel with a flat tread has the motion resistance R = b k z^(n+1) / (n+1), with the rut depth z.
-Below a tyre with a crown, each strip of the rut has a different depth; the work of compaction is the resistance
-multiplied by the distance. At equal load instead of pressure, a wheel sinks slightly deeper than N^(1/a): the second
-pass adds 10 to 50 % of the first sinkage, with less work. Ten passes use as many tiles of the soil memory as one pass.
+Below a tyre with a crown, each strip of the rut has a different depth. The work of compaction must equal the resistance
+multiplied by the distance. At equal load instead of equal pressure, a wheel sinks slightly deeper than N^(1/a)
+predicts. The second pass must add 10 to 50 % of the first sinkage, with less work. Ten passes must use as many tiles of
+the soil memory as one pass.
 """
 
 from collections.abc import Iterator
@@ -112,12 +113,12 @@ def plate(m: Trial, tyre: Ruts) -> Iterator[Check]:
     stiffness = (cell.pressure - back.pressure) / (0.5 * cell.pressure / soil.rebound)
     yield m.about("rebound of a plate", tyre.kind, "MPa/m").near(1e-6 * stiffness, tyre.rebound_mpa_m, CLOSED)
     for count in (2, 3, 10):
-        about = m.about(f"sinkage of a plate after {count} equal loadings divided by that after one", tyre.kind)
+        about = m.about(f"sinkage of a plate after {count} equal loadings divided by the sinkage after one", tyre.kind)
         yield about.near(repeated(soil, k, count), count ** (1 / soil.multipass), CLOSED)
 
 
 def repeated(soil: Bearing, k: float, count: int) -> float:
-    """Return the plastic sinkage of a plate after `count` loadings to 100 kPa relative to one loading [-]."""
+    """Return the plastic sinkage of a plate after `count` loadings to 100 kPa, divided by that of one loading [-]."""
     cell, depth, sunk = SoilCell(0.0, 0.0, 0.0, 0.0, 0.0), 0.0, []
     for _ in range(count):
         while cell.pressure < 1e5:
@@ -145,7 +146,7 @@ def run(m: Trial) -> Iterator[Check]:
         yield m.about(f"resistance divided by load, first pass, {name}", "ruts").reported(first.resistance / LOAD_N)
         about = m.about(f"sinkage added by the second pass, relative to the first pass, {name}", "ruts", "%")
         yield about.between(100 * (second.depth / first.depth - 1), 10.0, 50.0)
-        about = m.about(f"work of the second pass divided by that of the first pass, {name}", "ruts")
+        about = m.about(f"work of the second pass divided by the work of the first pass, {name}", "ruts")
         yield about.between(second.resistance / first.resistance, 0.0, 1.0)
         for count, one in ((2, second), (3, third)):
             about = m.about(f"depth after {count} passes divided by the depth after one, equal load, {name}", "ruts")

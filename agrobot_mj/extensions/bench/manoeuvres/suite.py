@@ -16,20 +16,20 @@ from agrobot_mj.simulation.results import results, write_json, write_text
 
 HEAD = """# Validation
 
-Manoeuvres with a known theoretical result, on the bicycle and on the MuJoCo tractor with each kind of tyre. The
-controller uses true values, except for one run along a side slope with the complete closed loop. `agrobot-mj validate`
-runs them, writes this page with its figures, and fails if a number is outside its band. The parameters are the
-defaults of [models](../../reference/models.md); the module docstrings of `agrobot_mj/extensions/bench/manoeuvres/` give
-the details.
+The bicycle model and the MuJoCo tractor, with each type of tyre, are compared with theory in the manoeuvres below.
+`agrobot-mj validate` runs them, writes this page with its figures, and fails if a number is outside its band. Except
+in closed-loop manoeuvres, the controller uses true values instead of measurements. The parameters are the defaults of
+[models](../../reference/models.md). The module docstrings of `agrobot_mj/extensions/bench/manoeuvres/` give the
+details.
 
 A cell contains the measured value, followed by the theoretical value in brackets where theory differs between tyres.
 Numbers in *italics* have no band: theory is missing, or the tyre is `contact`, which has no slip law. Numbers in
 **bold** are outside their band.
 """
 FIGURES = {
-    "side slope": ("side_slope.png", "Crab across a side slope: marks measured, lines theory"),
-    "antenna lean": ("antenna_lean.png", "Error of the CG along a side slope: marks measured, lines theory"),
-    "constant radius": ("understeer.png", "Understeer: marks measured, lines theory"),
+    "side slope": ("side_slope.png", "Crab angle across a side slope: simulation (markers) and theory (lines)"),
+    "antenna lean": ("antenna_lean.png", "Error of the CG along a side slope: simulation (markers) and theory (lines)"),
+    "constant radius": ("understeer.png", "Understeer: simulation (markers) and theory (lines)"),
     "step steer": ("step_steer.png", "Step steer at 4 m/s"),
 }
 """File name and caption of each figure, by manoeuvre."""
@@ -57,7 +57,7 @@ def section(name: str, text: str, checks: Sequence[Check]) -> str:
 
 
 def opening(text: str) -> str:
-    """Return a docstring up to the first paragraph with a full stop. Indented equations become code blocks."""
+    """Return a docstring up to the first paragraph ending with a full stop. Indented equations become code blocks."""
     blocks = []
     for block in text.strip().split("\n\n"):
         equation = block.startswith("    ")
@@ -111,7 +111,7 @@ MODULES = (
 )
 """Modules of the manoeuvres, in the order of their sections on the page."""
 NAMES = {"braking": "brake", "size": "machine size", "cornering": "constant radius", "references": "outside references"}
-"""Names of manoeuvres that differ from their module names, by module."""
+"""Manoeuvre names that differ from the module name, by module."""
 MANOEUVRES: dict[str, Run] = {
     NAMES.get(module, module.replace("_", " ")): import_module(f"{__package__}.{module}").run for module in MODULES
 }

@@ -1,10 +1,10 @@
 """Wheel at rest with an oscillating load
 
 A rear wheel rests on untouched soil with its static load. Then the load oscillates by a few per cent, 8 times per
-second for a minute. Soil is elastic below its maximum earlier load. The rut must therefore be that of a single
-application of the maximum load, and less than 1 mm deeper than without oscillation. Lifting and lowering the wheel is a
-different case: N complete loadings sink a plate to N^(1/a) times the first sinkage, with the exponent a of the
-multipass law. A wheel sinks less than a plate, because its load spreads as its rut grows.
+second for a minute. Soil is elastic up to the maximum load that it has carried before. The rut must therefore be as
+deep as after a single application of the maximum load, and less than 1 mm deeper than without oscillation. Lifting and
+lowering the wheel is a different case: N complete loadings sink a plate to N^(1/a) times the first sinkage, with the
+exponent a of the multipass law. A wheel sinks less than a plate, because its load spreads as its rut grows.
 """
 
 from collections.abc import Iterator
@@ -74,7 +74,7 @@ def rut(tyre: Ruts, loadings: list[Loading]) -> list[float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of ruts under oscillating loads and full load cycles. Quick mode takes a third of the duration."""
+    """Yield checks of ruts under oscillating loads and full load cycles. Quick mode lasts a third of the duration."""
     tyre, seconds = Ruts(), BRIEFLY_S if m.quick else DURATION_S
     once = Loading(LOAD_N, 0.0, FREQUENCY_HZ, 0.0)
     (still,) = rut(tyre, [once])
@@ -87,5 +87,5 @@ def run(m: Trial) -> Iterator[Check]:
             shaken - still, DEEPER_MM
         )
     whole, plate = rut(tyre, [once] * COUNT), COUNT ** (1 / tyre.multipass)
-    about = m.about(f"rut after {COUNT} complete loadings divided by that after one", "ruts")
+    about = m.about(f"rut after {COUNT} complete loadings divided by the rut after one", "ruts")
     yield about.between(whole[-1] / whole[0], 1.0 + 0.5 * (plate - 1.0), plate)

@@ -9,8 +9,10 @@ import shapely
 from agrobot_mj.paths.imports import Polyline, ShapeFile
 from agrobot_mj.paths.imports.shapes import DEGREES
 
-START = re.compile(r"\s*(SRID=\d+;)?\s*(MULTI)?(POLYGON|LINESTRING|POINT)|\s*(SRID=\d+;)?\s*GEOMETRYCOLLECTION", re.I)
-"""Pattern of the first characters of well-known text."""
+START = re.compile(
+    r"\s*(SRID=\d+;)?\s*((MULTI)?(POLYGON|LINESTRING|POINT)|GEOMETRYCOLLECTION)\s*(Z|M|ZM)?\s*(\(|EMPTY)", re.I
+)
+"""Pattern of the first characters of well-known text. A title row of a CSV file may begin with the word point."""
 LARGEST_DEG = 1.0  # Extent below which coordinates without a coordinate system are treated as degrees [deg]
 
 

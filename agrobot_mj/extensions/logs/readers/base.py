@@ -2,7 +2,7 @@
 
 A reader recognises files by their content, independent of their names. It returns a column for each of the `QUANTITIES`
 in the file, with a common time and null for missing values. `Samples` collects the values. Unreadable lines of text are
-counted; too many are an error.
+counted; too many such lines are an error.
 """
 
 from array import array
@@ -48,7 +48,7 @@ LARGEST = 1e300  # Upper limit of absolute values that are valid, in any unit
 MOST_VALUES = 20_000_000  # Maximum number of values from one file; a value needs 16 bytes
 MOST_DAMAGED = 0.2  # Fraction of unreadable lines above which a file is rejected as damaged [-]. Assumed value.
 LATE_S = 0.1
-"""Maximum decrease of the time from one value to the next in a file [s]. Assumed value, for logs of two buses."""
+"""Maximum accepted decrease of time between values [s]. Assumed value, as logs of two buses are not quite sorted."""
 DAY_S = 86400.0
 
 
@@ -76,7 +76,7 @@ class ReadLog(NamedTuple):
     source: Source  # Table with columns of `QUANTITIES`, or the file itself if a map must define its columns
     notes: tuple[str, ...] = ()  # Notes about data that were selected or omitted, one line each
     meaning: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
-    """Map keys whose values differ from the defaults: values by table and key."""
+    """Values of map keys that differ from the defaults, by table and key."""
 
 
 class LogReader(Spec):
@@ -84,7 +84,7 @@ class LogReader(Spec):
 
     kind: str
     registry: ClassVar[list["LogReader"]] = []
-    """All readers, in the order in which they test a file."""
+    """All readers, in the order in which their format tests run."""
 
     def recognises(self, head: Head) -> bool:
         """Return whether a file or folder has the format of the reader."""
@@ -99,7 +99,7 @@ class Samples:
     """Values of a log with their times, collected by a reader."""
 
     def __init__(self, path: Path, ordered: bool = True) -> None:
-        """Create an empty collection. If `ordered`, a decreasing time is an error; otherwise values are sorted."""
+        """Create an empty collection. A decreasing time is an error if `ordered`; otherwise values are sorted."""
         self.name, self._ordered = path.name, ordered
         self._kept: dict[str, dict[str, tuple[array[float], array[float]]]] = {}
         self._values, self._lines, self._damaged, self._first_damage = 0, 0, 0, ""
@@ -128,18 +128,18 @@ class Samples:
     def log(self, what: str, *notes: str, **meaning: dict[str, Any]) -> ReadLog:
         """Return a table of the collected values, with notes about omitted data.
 
-        `what` names the expected content in errors. Raises `FieldLogError` for too many damaged lines or no data.
+        `what` names the expected content in errors. Raises `FieldLogError` for too many damaged lines, or without data.
         """
         if self._damaged > MOST_DAMAGED * (self._lines + self._damaged):
             raise FieldLogError(
-                f"{self.name}: {self._damaged} of {self._lines + self._damaged} lines cannot be read, the first one is "
-                f"{self._first_damage}; export the file again"
+                f"{self.name}: {self._damaged} of {self._lines + self._damaged} lines cannot be read (first: "
+                f"{self._first_damage}); export the file again"
             )
         if not self._kept:
             raise FieldLogError("; ".join([f"{self.name}: the log contains no {what}", *notes[:3]]))
         found = list(notes)
         if self._damaged:
-            found.append(f"{self._damaged} damaged lines are omitted, the first one is {self._first_damage}")
+            found.append(f"{self._damaged} damaged lines are omitted (first: {self._first_damage})")
         chosen = {name: max(parts, key=lambda each: len(parts[each][0])) for name, parts in self._kept.items()}
         for source in dict.fromkeys(filter(None, chosen.values())):
             found.append(f"from {source}: {', '.join(name for name, each in chosen.items() if each == source)}")
@@ -196,13 +196,13 @@ def text_lines(path: Path) -> Iterator[str]:
 
 
 class DayClock:
-    """Clock that converts times of day to a time that increases beyond midnight."""
+    """Clock that converts times of day to a time that continues to increase after midnight."""
 
     def __init__(self) -> None:
         self.days, self.last = 0, -1.0
 
     def at(self, text: str) -> float:
-        """Convert `hh:mm:ss.s` or `hhmmss.s` to seconds since the first midnight. Raises ValueError."""
+        """Convert `hh:mm:ss.s` or `hhmmss.s` to seconds since the first midnight. Raises ValueError for other text."""
         digits = text.replace(":", "")
         hours, minutes, seconds = int(digits[:2]), int(digits[2:4]), float(digits[4:])
         if not (digits[:4].isdigit() and hours < 24 and minutes < 60 and 0 <= seconds < 61):

@@ -1,9 +1,9 @@
 """Reader for NMEA 0183 sentences of a receiver or board, in a text file or among other bytes.
 
 Sentences may follow the time stamp of a logger, or be inside JSON or between binary messages of the receiver. Times are
-those of the receiver. A sentence without a time gets the time of the preceding sentence. Sentences before the first fix
-are omitted, because the receiver has not yet set its clock. In GGA sentences without a quality, the status of RMC
-sentences determines whether there is a fix. The speed is over ground, and positive also in reverse.
+receiver times. A sentence without a time gets the time of the preceding sentence. Sentences before the first fix are
+omitted, because the receiver has not yet set its clock. In GGA sentences without a quality, the status of RMC sentences
+determines whether there is a fix. The speed is over ground, and positive also in reverse.
 """
 
 import mmap
@@ -18,7 +18,7 @@ from agrobot_mj.extensions.logs.readers.base import DAY_S, LATE_S, DayClock, Hea
 from agrobot_mj.extensions.logs.readers.sentences import KINDS, SENTENCE, Quantities, Sentence, found_in
 
 RESET_S = 60.0
-"""Minimum time jump at which the clock of a receiver without a fix counts as reset [s]."""
+"""Minimum time jump that indicates a reset of the clock of a receiver without a fix [s]."""
 SETTLED_S = 10.0  # Time after the first fix within which a receiver may still correct its clock [s]. Assumed value.
 
 
@@ -46,12 +46,13 @@ class _Sentences:
         self.clock, self.start, self.t, self.latest = DayClock(), -inf, -inf, dict[str, float]()
         self.early, self.kept, self.unclear, self.first_unclear = 0, 0, 0, ""
         self.valid, self.invalid = set[str](), dict[str, Any]()
-        """Sentence types with a valid checksum, and number, first line and first text of invalid sentences by type."""
+        """Types of valid sentences; number, first line and first text of sentences without valid checksum, by type."""
         self._counted, self._line = 0, 1
         self._void = data.find(b"RMC,") >= 0  # whether the latest RMC sentence reports no fix, or has yet to come
 
     def read(self) -> ReadLog:
-        """Return the values of all sentences. Raises `FieldLogError`."""
+        """Return the values of all sentences. Raises `FieldLogError` if no sentence has a fix, if the time decreases,
+        or if too many sentences are invalid."""
         for found in found_in(self.data):
             if not found.fields:
                 count, *first = self.invalid.get(found.kind) or (0, self._line_of(found), found.text)
@@ -70,9 +71,7 @@ class _Sentences:
         if self.early:
             notes.append(f"{self.early} sentences without a valid fix or time at the start are omitted")
         if self.unclear:
-            notes.append(
-                f"{self.unclear} sentences with invalid fields are omitted, the first one is {self.first_unclear}"
-            )
+            notes.append(f"{self.unclear} sentences with invalid fields are omitted (first: {self.first_unclear})")
         for kind, (count, line, text) in self.invalid.items():
             why = "wrong checksum" if "*" in text else "no checksum"
             if self.valid and kind not in self.valid:
@@ -84,8 +83,8 @@ class _Sentences:
         return self.samples.log(what, *notes, speed={"of": "antenna"})
 
     def _values(self, found: Sentence) -> Quantities | None:
-        """Set the clock to the time of a sentence and return the quantities of the sentence. Return None for an invalid
-        sentence, or before the first fix."""
+        """Set the clock to the time of a sentence, and return the quantities in the sentence. Return None for an
+        invalid sentence, or before the first fix."""
         kind = KINDS[found.kind]
         try:
             values = kind.quantities(found.fields)
@@ -110,7 +109,8 @@ class _Sentences:
         return values
 
     def _begin_again(self, found: Sentence) -> None:
-        """Discard sentences before a decrease of the time. Raises `FieldLogError` after the time `SETTLED_S`."""
+        """Discard the sentences before a backward jump in time. Raises `FieldLogError` if they cover more than
+        `SETTLED_S`."""
         last = self.latest[found.kind]
         if last - self.start > SETTLED_S:
             raise FieldLogError(

@@ -1,4 +1,4 @@
-"""Importance of the random parameters of a sweep as table, text and figure: fractions of the variance by group."""
+"""Importance of the random parameters of a sweep as table, text and figure: fractions of the variance in each group."""
 
 import tomllib
 from collections.abc import Sequence
@@ -52,12 +52,12 @@ def _cells(share: Share, trusted: bool) -> list[str]:
 
 
 def importance_text(found: Sequence[Influence], metric: str) -> str:
-    """Return sentences about the conclusions that the samples of each group support."""
+    """Return sentences about the conclusions that the samples support in each group."""
     return "\n".join(influence_text(each, metric, f"{each.group}: " if len(found) > 1 else "") for each in found)
 
 
 def influence_text(each: Influence, metric: str, group: str) -> str:
-    """Return sentences about the importance in one group. The first sentence begins with the text `group`."""
+    """Return sentences about the importance of the parameters in one group. The text begins with `group`."""
     noise = (
         "one seed does not identify the variation between seeds"
         if each.noise is None
@@ -82,7 +82,8 @@ def influence_text(each: Influence, metric: str, group: str) -> str:
 
 
 def importance_figure(found: Sequence[Influence], metric: str) -> Figure:
-    """Return a figure of variance fractions with intervals, one panel per group. Sobol indices include first order."""
+    """Return a figure of variance fractions with intervals, one panel per group. Sobol indices have a second bar for
+    the first order."""
     keys, screening = [share.key for share in found[0].shares][::-1], found[0].unexplained is not None
     figure = Figure((2 * PANEL_WIDTH_IN, 0.22 * len(keys) + 1.0), layout="constrained")
     grid = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
@@ -144,8 +145,8 @@ def _found(folder: Path, metric: str) -> list[Influence]:
 
 
 def influence(name: str, file: dict[str, Any], draws: Array, values: Array, metric: str) -> Influence:
-    """Return the variance fractions of one group for `draws` (points, d) and `values` (points, seeds). Raises
-    `ScenarioError` for a constant metric."""
+    """Return the variance fractions of one group for sampled parameters `draws` (points, d) and metric `values`
+    (points, seeds). Raises `ScenarioError` for a constant metric."""
     means, keys = values.mean(axis=1), list(file["draws"])
     if np.ptp(means) == 0.0:
         raise ScenarioError(f"--metric {metric}: the metric does not vary in {name}")
@@ -160,7 +161,7 @@ def influence(name: str, file: dict[str, Any], draws: Array, values: Array, metr
 
 
 def noise_share(values: Array) -> float | None:
-    """Return the fraction of the variance of point means that seeds cause [-], or None with one seed."""
+    """Return the fraction of the variance of the seed-averaged metric due to seeds [-], or None with one seed."""
     points, seeds = values.shape
     if seeds < 2:
         return None
@@ -171,7 +172,7 @@ def noise_share(values: Array) -> float | None:
 
 
 def _groups(folder: Path, file: dict[str, Any], rows: Rows, metric: str) -> dict[str, tuple[Array, Array]]:
-    """Return parameters (points, d) and metric (points, seeds) by group. Raises `ScenarioError` for missing values."""
+    """Return samples (points, d) and metric (points, seeds) by group. Raises `ScenarioError` for missing values."""
     sizes = [max(len(file.get("variant", ())), 1), *(len(values) for values in file.get("axes", {}).values())]
     points, seeds = points_of(file["method"], file["samples"], len(file["draws"])), len(file["seeds"])
     total = prod(sizes) * points * seeds
@@ -180,7 +181,10 @@ def _groups(folder: Path, file: dict[str, Any], rows: Rows, metric: str) -> dict
     _check_metric(metric, rows)
     values = [row[metric] for row in rows]
     if lacking := sum(not isinstance(value, int | float) or not np.isfinite(value) for value in values):
-        raise ScenarioError(f"--metric {metric}: {lacking:,} of {total:,} runs have no value; narrow the draws")
+        raise ScenarioError(
+            f"--metric {metric}: {lacking:,} of {total:,} runs have no value; "
+            "narrow the ranges of the random parameters"
+        )
     table = np.array(values, dtype=float).reshape(-1, points, seeds)
     firsts = [rows[k * points * seeds : (k + 1) * points * seeds : seeds] for k in range(len(table))]
     numeric = file["method"] == "screening"  # a screening has numeric draws only
@@ -201,7 +205,8 @@ def _check_metric(metric: str, rows: Rows) -> None:
     if without and metric not in OF_EVERY_RUN:
         raise ScenarioError(
             f"--metric {metric}: {len(without):,} of {len(rows):,} runs have no value ({reasons(without)}), and the "
-            "design needs all points; narrow the draws, or use --metric expected, the fraction of successes"
+            "design needs a value for every point; narrow the ranges of the random parameters, or use --metric "
+            "expected, the fraction of successes"
         )
 
 

@@ -30,14 +30,14 @@ class Question(NamedTuple):
     stop: float  # Value at the other end of the range, above or below `start`
     until: str
     seeds: int = 12
-    """Maximum number of runs per value during the search. Both values next to the limit get at least twelve."""
+    """Maximum number of runs per value during the search. Both values next to the limit get at least twelve runs."""
     reliability: float = 0.8  # Fraction of successful runs above which a law is reliable at a value [-]
     confidence: float = 0.8  # Confidence of the intervals of success rates [-]
     tolerance: float | None = None  # Bracket width at which the bisection ends. Default: one fiftieth of the range.
 
     @property
     def resolution(self) -> float:
-        """Bracket width at which the bisection ends [unit of the key]."""
+        """Width of the bracket around the limit at which the bisection ends [unit of the key]."""
         return abs(self.stop - self.start) / 50 if self.tolerance is None else self.tolerance
 
 
@@ -54,9 +54,9 @@ class Tried(NamedTuple):
     outcomes: dict[str, int]
     unexpected: int  # Number of runs whose outcome differs from the expected outcome of the scenario
     independent: bool = True
-    """Whether seeds affect the runs. Otherwise only one run counts, and the interval has zero width."""
+    """Whether the seeds affect the runs. If not, only one run counts, and the interval has zero width."""
     medians: Mapping[str, float] = MappingProxyType({})
-    """Median over the runs with a value, for each metric in the condition."""
+    """Median of each metric in the condition, over the runs that have a value."""
 
     @property
     def share(self) -> str:
@@ -75,7 +75,7 @@ class Tried(NamedTuple):
 
 
 class Counterpart(NamedTuple):
-    """Result for the baseline: the same search without the fault or disturbance."""
+    """Result for the baseline, a scenario without the fault or disturbance."""
 
     overrides: dict[str, Any]
     verdict: str  # Verdict as in `Found`. If the baseline lacks the key or sets it, the verdict is `fixed`.
@@ -86,13 +86,13 @@ class Counterpart(NamedTuple):
 
 
 class Found(NamedTuple):
-    """Result of the limit search for one law."""
+    """Result of a limit search for one guidance law."""
 
     law: str
     verdict: str  # Verdict: `limit`, `never_fails`, `always_fails`, `fails_at_start`, or `not_monotone`
     limit: float | None
     interval: tuple[float, float] | None
-    """Nearest value with certain success and nearest value with certain failure on both sides of the limit. Missing
+    """Interval of the limit: nearest key values on both sides with certain success and with certain failure. Missing
     values are replaced by the ends of the range."""
     statement: str
     tried: tuple[Tried, ...]  # All evaluated values, ordered from the start of the range
@@ -106,7 +106,7 @@ def metric_names(scenario: Scenario) -> list[str]:
 
 
 def laws(scenario: Scenario, kinds: Sequence[str]) -> dict[str, Scenario]:
-    """Return the scenario with each of the guidance `kinds`, by default only its own. Raises `ScenarioError`."""
+    """Return the scenario with each law in `kinds`, by default its own. Raises `ScenarioError` for invalid laws."""
     return {kind: scenario.changed({"guidance.kind": kind}) for kind in kinds or [scenario.guidance.kind]}
 
 
@@ -120,7 +120,7 @@ def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
     if not (isfinite(q.start) and isfinite(q.stop)) or q.start == q.stop:
         raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: specify two numbers, the first where laws should succeed")
     if not isfinite(q.stop - q.start):
-        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: the range is too wide; specify smaller numbers")
+        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: the range is too wide; specify a narrower range")
     if not (0 < q.resolution < inf and 0 < q.reliability < 1 and 0 < q.confidence <= MOST_CONFIDENT):
         raise ScenarioError(
             f"--tolerance must be above 0, --reliability between 0 and 1, --confidence between 0 and {MOST_CONFIDENT}"
@@ -197,7 +197,7 @@ def _verdict(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
     few = q.seeds < runs_needed(q.reliability, q.confidence)
     again = [t.value for t in tried[first_bad:] if t.holds and (t.certain or few)]
     text = f"{name} succeeds up to {q.key} = {good.value:g} ({good.share})"
-    text += f"and fails from {bad.value:g} ({bad.share}; {terms})"
+    text += f" and fails from {bad.value:g} ({bad.share}; {terms})"
     if (good.value, bad.value) != interval:
         text += f"; at this confidence it succeeds at {interval[0]:g} and fails at {interval[1]:g}"
     if again:
@@ -215,7 +215,7 @@ def _interval(tried: tuple[Tried, ...], first_bad: int) -> tuple[float, float]:
 
 
 def _coverage(tried: Sequence[Tried]) -> list[str]:
-    """Return sentences about the evaluated values and the maximum width of an undetected interval."""
+    """Return sentences on the evaluated values and the maximum width of an undetected interval with another result."""
     held, failed = (", ".join(f"{t.value:g}" for t in tried if t.holds is holds) for holds in (True, False))
     seen = [*([f"Succeeded at {held}"] if held else []), *([f"failed at {failed}"] if failed else [])]
     gaps = [abs(b.value - a.value) for a, b in pairwise(tried) if a.holds == b.holds]

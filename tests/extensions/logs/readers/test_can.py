@@ -80,7 +80,7 @@ def test_speed_message_with_the_most_values_is_used(tmp_path):
     log = open_log(tmp_path / "log")
     assert column(log, "speed")[1] == pytest.approx(2.0)
     assert "speed is also in PGN 65097 of 26, with fewer values" in log.notes
-    assert any(note.startswith("1 damaged lines are omitted, the first one is line 81") for note in log.notes)
+    assert any(note.startswith("1 damaged lines are omitted (first: line 81") for note in log.notes)
 
 
 def test_reverse_travel_bits_and_unavailable_values_are_decoded():

@@ -84,9 +84,9 @@ def test_damaged_sentences_are_counted_and_too_many_rejected(tmp_path):
     (tmp_path / "log").write_text("\n".join([*good[:7], spoilt, *good[8:], good[0][:30]]))
     log = open_log(tmp_path / "log")
     assert len(log.source) == 19
-    assert log.notes[0].startswith("2 damaged lines are omitted, the first one is line 8, ")
+    assert log.notes[0].startswith("2 damaged lines are omitted (first: line 8, ")
     (tmp_path / "log").write_text("\n".join([*good[:4], *[spoilt] * 4]))
-    with pytest.raises(FieldLogError, match="4 of 8 lines cannot be read, the first one is line 5"):
+    with pytest.raises(FieldLogError, match=r"4 of 8 lines cannot be read \(first: line 5"):
         open_log(tmp_path / "log")
 
 
@@ -241,7 +241,7 @@ def test_logs_in_utf_16_are_read(tmp_path, codec):
     assert log.source["Winkel [°]"].to_pylist() == list(range(0, 40, 2))
 
 
-def test_csv_of_rostopic_with_null_bytes_in_a_text_is_read(tmp_path):
+def test_rostopic_csv_with_null_bytes_in_a_string_is_read(tmp_path):
     rows = b"".join(b"%d,0\x00\x00\x00,%d.5\n" % (15 * 10**17 + k * 10**8, k) for k in range(20))
     (tmp_path / "bag.txt").write_bytes(b"%time,field.stn_id,field.speed\n" + rows)
     log = open_log(tmp_path / "bag.txt")
