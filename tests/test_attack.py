@@ -64,7 +64,7 @@ print(json.dumps({line: found(line) for line in json.loads(sys.argv[2])}))
 """
 
 
-def test_program_of_malformed_inputs_detects_known_violations(tmp_path):
+def test_attack_program_detects_known_violations(tmp_path):
     done = python(tmp_path, "-c", JUDGE, str(ROOT / "tests" / "attack"), json.dumps(list(BROKEN)))
     found = json.loads(done.stdout)
     for line, finding in BROKEN.items():

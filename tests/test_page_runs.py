@@ -19,7 +19,7 @@ def study(folder, *options):
     return sweeps.Study("verb", ["one", "other"], ["part"], None, given)
 
 
-def test_runs_of_a_parameter_grid_are_computed_once_with_their_signals(tmp_path, monkeypatch):
+def test_runs_of_a_parameter_grid_are_computed_once_and_keep_their_signals(tmp_path, monkeypatch):
     pages = study(tmp_path, *TRIAL)
     (row,) = pages.rows("printed", "learning_printed")
     kept = pages.kept("printed", row)

@@ -254,7 +254,7 @@ def scaled_in(scaling: Scaling) -> float:
     return scaling.by * fetched(scaling.pair).numbers[1]
 
 
-def test_stage_frees_the_state_referenced_by_a_named_tuple():
+def test_compiled_stage_releases_state_held_by_a_named_tuple():
     assert scaled_in(Scaling(held(Pair(2.0, np.array([1.0, 4.0]))), 3.0)) == 12.0
 
     def work():

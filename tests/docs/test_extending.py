@@ -169,7 +169,7 @@ def test_documented_tests_of_tyre_columns_and_plots_pass(checkout):
     assert outcomes(checkout, "tests/recording/test_recording_signals.py", compiled=True)[0] == set()
 
 
-def test_resolved_scenario_contains_the_kinds_of_the_example(results):
+def test_resolved_scenario_contains_the_plugin_kinds_of_the_example_page(results):
     scenario = tomllib.loads((results / "scenario.toml").read_text(encoding="utf-8"))
     assert (scenario["terrain"]["kind"], scenario["terrain"]["height_m"]) == ("dome", 2.0)
     assert (scenario["fault"][0]["kind"], scenario["fault"][0]["east_m"]) == ("gnss_shift", 0.25)

@@ -62,7 +62,7 @@ def test_reported_sigma_grows_in_a_gnss_loss_and_decreases_after_it(log):
     assert variance[FOUND + 40] == pytest.approx(variance[LOST - 1], rel=0.1)
 
 
-def test_position_error_grows_in_a_gnss_loss_and_decreases_after_it(log):
+def test_position_error_grows_during_a_gnss_loss_and_decreases_afterwards(log):
     error = estimation_error(log)
     before, end = error[LOST - 100 : LOST].mean(), error[FOUND - 1]
     assert before < 0.04

@@ -90,7 +90,7 @@ def test_machine_faults_of_zero_size_have_no_effect():
     ],
     ids=["too much", "too far out", "once the other has gone"],
 )
-def test_fault_that_makes_the_tractor_impossible_is_rejected_at_load(tables, message):
+def test_payload_that_gives_an_unphysical_tractor_is_rejected(tables, message):
     scenario = resolve({"fault": [{"kind": "payload", **table} for table in tables]}, "mine")
     with pytest.raises(ScenarioError, match=message):
         build_plant(scenario)

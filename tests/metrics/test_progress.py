@@ -117,7 +117,7 @@ def test_lag_of_17_m_at_the_end_reduces_the_driven_length_by_17_m():
 
 
 @pytest.mark.parametrize(("aside", "expected"), [(-4.5, 1.0), (4.5, 1.0), (-5.5, 0.0), (5.5, 0.0)])
-def test_path_passed_outside_the_lateral_corridor_is_not_driven(aside, expected):
+def test_path_passed_outside_the_lateral_corridor_does_not_count_as_driven(aside, expected):
     path = Line(length_m=60.0)
     assert share(path, places(path, ticks(path)) + [0.0, aside]) == pytest.approx(expected, abs=0.01)
 
@@ -155,7 +155,7 @@ def test_excursion_reduces_progress_only_by_its_own_length():
     assert found.length - found.driven == pytest.approx(400 * TICK_S * 1.2, abs=2.0)
 
 
-def test_planned_path_length_ends_at_the_end_of_the_reference():
+def test_planned_path_length_counts_only_up_to_the_end_of_the_reference():
     path = FigureEight()
     short = places(path, ticks(path, 30.0))
     assert share(path, short, 30.0) == pytest.approx(1.0, abs=0.01)

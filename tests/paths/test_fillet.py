@@ -66,7 +66,7 @@ def test_rounded_gentle_corner_passes_its_waypoint_within_tolerance(tmp_path):
     assert 1 / path.max_curvature == pytest.approx(0.1 / (1 / cos(angle / 2) - 1))
 
 
-def test_short_segments_reduce_corner_speed_before_corner_radius(tmp_path):
+def test_short_segments_reduce_first_the_corner_speed_then_the_radius(tmp_path):
     """Arcs with little remaining space get short clothoids at a speed that respects the steering rate."""
     roomy, tight, short = (
         waypoints(tmp_path, [(0, 0), (20, 0), (20, leg), (40, leg)], corner_radius_m=3) for leg in (20, 7.7, 5)

@@ -75,7 +75,7 @@ def test_results_folder_contains_all_body_files_and_runs_elsewhere(tmp_path, cal
     assert Path("second/signals.parquet").read_bytes() == Path("moved/signals.parquet").read_bytes()
 
 
-def test_scenario_files_include_files_of_the_machine_and_its_body(tmp_path):
+def test_list_of_scenario_files_contains_machine_file_and_body_files(tmp_path):
     body = layered(tmp_path)
     machine = tmp_path / "machine.toml"
     machine.write_text('[tractor]\nmjcf = "mine.xml"\nmachine = "./machine.toml"\n', encoding="utf-8")

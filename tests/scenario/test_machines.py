@@ -193,7 +193,7 @@ def test_an_unknown_machine_is_rejected(machine, message):
         ("[tractor", "mine.toml: not valid TOML"),
     ],
 )
-def test_errors_in_a_machine_file_name_that_file(mine, tmp_path, text, message):
+def test_machine_file_errors_contain_the_file_name(mine, tmp_path, text, message):
     (tmp_path / "mine.toml").write_text(text)
     with pytest.raises(ScenarioError, match=message):
         load_scenario("straight_line", {"machine": mine})

@@ -31,7 +31,7 @@ MEMBERS = {
 }
 
 
-def test_plugin_in_every_family_is_validated_overridden_and_written(tmp_path):
+def test_plugin_of_every_family_can_be_loaded_overridden_and_saved(tmp_path):
     code = ""
     for k, (key, (module, base)) in enumerate(MEMBERS.items()):
         code += f"""

@@ -160,7 +160,7 @@ KINDS = [row for row in known_kinds() if f"{row.table}.{row.kind}" not in KEYS]
 
 
 @pytest.mark.parametrize("row", KINDS, ids=lambda row: f"{row.table}.{row.kind}")
-def test_every_listed_kind_can_be_explained_by_its_name(row):
+def test_explain_command_accepts_the_name_of_every_listed_kind(row):
     text = explain_key(f"{row.table}.{row.kind}")
     assert text.splitlines()[0] in (f"{row.table}.kind = {row.kind}", f"metric {row.kind}")
     assert row.text in text

@@ -125,7 +125,7 @@ def test_vibration_biases_an_inclinometer_but_not_an_imu_with_gyros(time_constan
         assert mean < -3.0
 
 
-def test_roll_oscillation_of_the_lever_arm_adds_to_measured_roll():
+def test_lever_arm_acceleration_in_roll_oscillation_adds_to_measured_roll():
     """A unit h above R that rolls by a sin(w t) feels h a w^2 sin(w t) on top of gravity's share."""
     h, a, w = 1.4, radians(2.0), 2 * pi * 0.5
     imu = perfect(time_constant_s=0.0, up_m=h)

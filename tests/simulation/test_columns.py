@@ -123,7 +123,7 @@ def test_saturated_steering_command_is_flagged_in_the_log():
     assert logged(TICK._replace(saturated=True))["steer_saturated"] == 1.0
 
 
-def test_unavailable_bias_pressure_and_torque_are_nan_in_the_log():
+def test_bias_and_pressure_and_torque_are_nan_in_the_log_if_unavailable():
     found = logged(TICK._replace(estimate=ESTIMATE._replace(steer_bias=nan), actuation=(1e-5, nan, nan)))
     assert all(isnan(found[name]) for name in ("steer_bias_hat", "steer_pressure", "drive_torque"))
 

@@ -51,7 +51,7 @@ def test_thousand_short_runs_print_one_progress_line_per_second(clock, capsys):
 
 
 @pytest.mark.parametrize(("quiet", "seconds"), [(True, 60.0), (False, 0.9)])
-def test_no_progress_is_printed_if_quiet_or_if_a_run_takes_below_1_s(clock, capsys, quiet, seconds):
+def test_no_progress_is_printed_if_quiet_or_if_a_run_takes_under_1_s(clock, capsys, quiet, seconds):
     with tally("run", 1, quiet=quiet) as advance:
         clock[0] += seconds
         advance()

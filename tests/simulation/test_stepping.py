@@ -44,7 +44,7 @@ def test_time_advances_one_tick_per_step_until_the_end():
 
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_steering_angle_command_drives_the_tractor_on_its_circle(plant, sign):
+def test_constant_steering_angle_drives_the_tractor_on_the_expected_circle(plant, sign):
     sim = Simulation("circle", {"duration_s": 25.0, "plant.kind": plant, "supervisor.enabled": False})
     sim.reset()
     while not sim.done:

@@ -52,7 +52,7 @@ def test_nees_column_is_filled_only_if_a_run_has_an_estimator_warning():
     assert mean_nees([row(estimate_warning=WARNING), row(position_nees=100.0)]) == pytest.approx(200.0)
 
 
-def test_estimator_consistency_warnings_are_read_from_a_table_file(tmp_path):
+def test_estimator_consistency_warnings_of_a_saved_table_are_returned(tmp_path):
     table = tmp_path / "sweep.parquet"
     assert table_warnings(table) == []
     pq.write_table(pa.table({"seed": [1, 2]}), table)

@@ -127,6 +127,6 @@ def test_rolling_resistance_equals_that_of_the_named_surface(surface):
     assert drag(MagicFormula(), surface) == pytest.approx(NAMED[surface].rolling_resistance * weight, rel=0.08)
 
 
-def test_soil_tyres_use_the_cone_index_but_not_the_ground_resistance():
+def test_soil_tyre_model_uses_the_cone_index_but_not_ground_resistance():
     by_name, by_number = drag(Soil(), "sand"), drag(Soil(cone_index_kpa=450.0), None)
     assert by_name == pytest.approx(by_number, rel=0.05)

@@ -129,7 +129,7 @@ def test_tyre_force_is_bounded_odd_and_dissipative_at_1000_points():
         assert force(-alpha, -kappa, load) == pytest.approx((-fx, -fy), rel=1e-8)
 
 
-def test_thousand_test_points_reach_the_edge_of_the_friction_ellipse():
+def test_maximum_force_of_all_test_points_reaches_the_friction_ellipse():
     """Without such points the bound above would be a weak test."""
     used = [hypot(*force(alpha, kappa, 1400.0)) / 1400.0 for alpha, kappa in product(ANGLES, RATIOS)]
     assert max(used) == pytest.approx(0.8, rel=0.03)

@@ -44,6 +44,6 @@ def test_program_shown_on_the_page_draws_its_figure():
     assert done.stdout == "(480, 640, 3)\n", done.stderr
 
 
-def test_observation_table_equals_the_code():
+def test_observation_table_matches_the_code():
     rows = [f"| `{o.name}` | {o.unit} | {o.bound:.3g} | {o.description} |" for o in table(PREVIEW_M, True, True)]
     assert "\n".join(rows) in TEXT

@@ -82,7 +82,7 @@ def test_failure_margin_by_a_score_signal_is_its_magnitude(log):
     assert Closeness("xte_rms > 1", "yaw_rate")(log) == pytest.approx(np.abs(log.column("yaw_rate")))
 
 
-def test_level_rises_are_the_new_maxima_of_the_failure_margin(log):
+def test_level_increases_at_each_new_maximum_of_the_failure_margin(log):
     found, close = Rises(Closeness("xte_abs_max > 0.02"))(log), Closeness("xte_abs_max > 0.02")(log)
     assert found["ticks"] == 80
     ticks, levels = zip(*found["rises"], strict=True)

@@ -297,7 +297,7 @@ def test_limit_result_states_evaluated_values_and_gaps_between_them():
     assert "Succeeded at 0, 1, 2; failed at 2.5, 3, 4; no value in between was evaluated" in found.statement
 
 
-def test_equal_runs_for_all_seeds_count_once_and_give_no_interval():
+def test_identical_runs_of_all_seeds_count_once_and_give_no_interval():
     def do(tasks):
         errors = [0.1 if task.overrides[KEY] < 2.345 else 1.0 for task in tasks]
         return [{"outcome": "completed", "lateral_rms": e, "wall_s": 1.0 + k} for k, e in enumerate(errors)]

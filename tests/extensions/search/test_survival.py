@@ -27,7 +27,7 @@ def searched(law, hardship, values):
     return {"law": law, "hardship": hardship, "verdict": "limit", "interval": None, "tried": tried, "sound": sound}
 
 
-def test_survival_table_of_the_page_matches_the_result_file():
+def test_survival_table_in_the_docs_matches_the_results():
     law, other, third = list(survival.SURVIVORS)[:3]
     slope = survival.HARDSHIPS[0].name
     rows = [
