@@ -36,11 +36,11 @@ __all__ = ["app", "main"]
 
 BROKEN_OFF = 130  # Exit status of a command interrupted by a signal, as in Unix shells
 OBJECTS_PER_COLLECTION = 500_000
-"""Number of new objects between two garbage collections [-]. Python's default adds 0.25 s to the start-up time."""
+"""Number of new objects between two garbage collections [-]. Python's default increases the start-up time by 0.25 s."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-"""Error numbers (errno) of a full or faulty disk, which are no errors in the input."""
+"""Error numbers (errno) of a full or faulty disk, which do not indicate invalid input."""
 USAGE_ERROR: Any = typer.BadParameter.__bases__[0]
-"""Base class of the usage errors of the command-line parser, either from click or from the copy of click in typer."""
+"""Base class of usage errors of the command-line parser, from click or from the copy of click in typer."""
 
 
 def main() -> None:
@@ -75,7 +75,7 @@ def main() -> None:
 
 
 def _of_plugin(error: Exception) -> str:
-    """Return the traceback of an error from the first frame in a plugin file, or an empty string without this frame."""
+    """Return the traceback of an error from the first frame in a plugin file, or an empty string for other errors."""
     if (plugins := sys.modules.get("agrobot_mj.scenario.plugins")) is None:
         return ""
     files, frame = set(map(str, plugins.loaded_files())), error.__traceback__
@@ -123,9 +123,9 @@ OTHER_NAMES = {
     "output": "--out",
     "verbose": "--help",
 }
-"""Command-line options, by words that users often write instead of the option names."""
+"""Command-line options by the words that users often write instead."""
 OTHER_WORDS = {"law": "guidance", "laws": "guidance"}
-"""Scenario tables, by words that users often write instead of the table names."""
+"""Scenario tables by the words that users often write instead."""
 
 
 def meant(error: Any) -> str:

@@ -46,7 +46,7 @@ def with_json(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def document(command: str, status: int, error: str, content: Mapping[str, Any]) -> str:
-    """Return the result of a command as a JSON document."""
+    """Return the result of a command as the text of a JSON document."""
     about = {"command": command, "version": __version__, "exit_status": status, "error": error or None}
     return json.dumps({**about, **content}, indent=2, allow_nan=False)
 

@@ -1,4 +1,4 @@
-"""Commands for writing scenarios: lists, explanations of keys, scenario template, and JSON schema."""
+"""Commands for writing scenarios: lists, explanations of keys, a scenario template, and the JSON schema."""
 
 import tomllib
 from shlex import quote
@@ -38,7 +38,7 @@ def explain(
 ) -> None:
     """Explain a key: unit, default, range, kinds, source.
 
-    Other words are searched in the names of keys, then in their descriptions.
+    Other words are searched for in the names of keys, then in their descriptions.
     """
     from agrobot_mj.scenario.reference import explain_key
 

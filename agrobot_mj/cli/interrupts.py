@@ -9,7 +9,7 @@ from agrobot_mj.core.interrupts import handled_by
 
 @contextmanager
 def stop_on_signals() -> Iterator[list[int]]:
-    """Yield a list that receives the first signal, to end a run early. A second signal interrupts the run."""
+    """Yield a list that receives the first signal, which ends a run early. A second signal raises KeyboardInterrupt."""
     received: list[int] = []
 
     def handle(number: int, _frame: Any) -> None:
@@ -23,7 +23,7 @@ def stop_on_signals() -> Iterator[list[int]]:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Interrupt the block with KeyboardInterrupt on SIGTERM as on Ctrl-C.
+    """Raise KeyboardInterrupt in the block on SIGTERM, as on Ctrl-C.
 
     KeyboardInterrupt is raised even if an extension module converts the exception in a callback, or if the interpreter
     drops the exception in a finaliser.

@@ -9,11 +9,11 @@ if TYPE_CHECKING:
     from agrobot_mj.scenario.schema import Scenario
 
 MOST_SCENARIOS, MOST_LINES = 100, 10
-"""Maximum number of scenarios for which hints are determined, and maximum number of hints printed."""
+"""Maximum number of scenarios that are checked for hints, and maximum number of hints printed."""
 
 
 def print_hints(scenarios: "Iterable[Scenario]", quiet: bool) -> list[str]:
-    """Print the hints about the first scenarios to stderr, without duplicates. Return the hints, or [] if `quiet`."""
+    """Print the hints about the first scenarios to stderr without duplicates. Return the hints, or [] if `quiet`."""
     if quiet:
         return []
     from agrobot_mj.scenario.hints import hints

@@ -9,7 +9,7 @@ import typer
 from typer.core import TyperGroup
 
 PANELS = ("Run", "Field work", "Compare", "Field logs", "Check", "Connect", "Write scenarios")
-"""Titles of the panels in the order of the help text. Panels of installed packages follow."""
+"""Titles of the panels in the order of the help text. Panels of installed packages come after these panels."""
 
 
 class HelpEntry(NamedTuple):
@@ -19,11 +19,11 @@ class HelpEntry(NamedTuple):
     panel: str = "Other commands"
     advanced: bool = False  # Whether only `--help-all` lists the command
     now: str = ""
-    """Replacement of a deprecated command. Deprecated commands are hidden and will be removed in the next version."""
+    """Command that replaces a deprecated command, which is hidden and will be removed in the next version."""
 
 
 def listed(panel: str, *examples: str, advanced: bool = False) -> HelpEntry:
-    """Return the help entry of a command in a panel, with example command lines."""
+    """Return the help entry of a command, with its panel and example command lines."""
     return HelpEntry(examples, panel, advanced)
 
 
@@ -45,7 +45,7 @@ class PanelledGroup(TyperGroup):
     """Command group that lists its commands in panels and supports command names of two words."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return the command name, the command, and the remaining arguments."""
+        """Return the command name, the command, and the remaining arguments of a command line."""
         for before, word in pairwise(("", *args)):
             if re.fullmatch(r"(--[\w-]+=)?\s*", word):
                 place = f" after {before}" if before else ""

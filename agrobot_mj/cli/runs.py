@@ -1,4 +1,4 @@
-"""Commands that simulate: one run, or a comparison of laws, variants, plants and seeds.
+"""Commands that simulate one run, or compare laws, variants, plants and seeds.
 
 Example of a value of `--variant`: `worn: steering.valve.dead_band_v=0.8, path.points=[[0, 0], [9, 0]]`.
 """
@@ -68,7 +68,7 @@ def run(
 
 
 def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ...]":
-    """Return the recorders of a run for `folder`, a live viewer or both, or an empty tuple without recording."""
+    """Return the recorder of a run, with a file in `folder`, a live viewer or both, or an empty tuple for neither."""
     from agrobot_mj.simulation.storage import RECORDING, can_record
 
     if not live and not (recorded and can_record()):
@@ -79,7 +79,7 @@ def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ..
 
 
 def answer(log: "Log", folder: Path, hints: list[str], about: list[str]) -> Answer:
-    """Return the result of a command that simulated one run. The first line of text contains outcome and `about`."""
+    """Return the result of a command that simulated one run. The first line of text is the outcome with `about`."""
     from agrobot_mj.metrics.safety import drift_text
     from agrobot_mj.simulation.diagnosis import attribution
 
@@ -188,7 +188,7 @@ def _variant(text: str) -> "SweepVariant":
 
 
 def _items(text: str, name: str) -> Iterator[tuple[str, Any]]:
-    """Yield keys and values of a text `KEY=VALUE, ...`. A value is a bare word or TOML, which may contain commas."""
+    """Yield keys and values of a text `KEY=VALUE, ...`. A value is a bare word or TOML that may contain commas."""
     item, fault = "", ""
     for part in text.split(","):
         item += part

@@ -34,7 +34,7 @@ def sweep(
 ) -> None:
     """Simulate a scenario over axes, samples, seeds and variants.
 
-    Writes sweep.parquet, one row per run. After an interruption the same command continues with the missing runs.
+    Writes sweep.parquet with one row per run. After an interruption the same command continues with the missing runs.
     """
     from agrobot_mj.studies.error_parts import table_warnings
     from agrobot_mj.studies.sweep import SweepOptions

@@ -33,5 +33,5 @@ def _box_record(kind: Any, value: Any, c: Any) -> Any:
 
 
 def _constant(c: Any, value: object) -> Any:
-    """Return a borrowed reference to `value`, stored as a constant of the kernel."""
+    """Return a borrowed reference to the Python object `value`, stored as a constant of the kernel."""
     return c.env_manager.read_const(c.env_manager.add_const(value))

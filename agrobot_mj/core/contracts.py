@@ -22,7 +22,7 @@ def without_exit() -> Iterator[None]:
 
 
 def check_argument(name: str, value: object, fits: bool, wanted: str) -> None:
-    """Raise TypeError for the argument `name` unless `fits` is true; `wanted` describes valid values."""
+    """Raise TypeError for the argument `name` unless `fits` is true; the text `wanted` describes valid values."""
     if not fits:
         raise TypeError(f"{name}: must be {wanted}, got {one_line(value)}")
 
@@ -34,21 +34,21 @@ def check_overrides(overrides: object) -> None:
 
 
 def check_update(found: Any, message: type[Message], stage: str, kind: str, method: str) -> tuple[Any, Message]:
-    """Return the method result `found`. Raises `ScenarioError` unless `found` is a pair (state, `message`)."""
+    """Return the pair `found`. Raises `ScenarioError` unless it consists of a state and an instance of `message`."""
     if isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], message):
         return found
     raise _refusal(found, f"its state and {_one(message)}", stage, kind, method)
 
 
 def check_type(found: Any, wanted: type[Message], stage: str, kind: str, method: str) -> Message:
-    """Return the method result `found`. Raises `ScenarioError` unless `found` has the type `wanted`."""
+    """Return the result `found` of a plugin method. Raises `ScenarioError` unless `found` has the type `wanted`."""
     if isinstance(found, wanted):
         return found
     raise _refusal(found, _one(wanted), stage, kind, method)
 
 
 def check_pair(found: Any, wanted: str, stage: str, kind: str, method: str) -> tuple[Any, Any]:
-    """Return the method result `found`. Raises `ScenarioError` with the text `wanted` unless `found` is a pair."""
+    """Return the pair `found`. Raises `ScenarioError` for other values; `wanted` describes the expected pair."""
     if isinstance(found, tuple) and len(found) == 2:
         return found
     raise _refusal(found, wanted, stage, kind, method)

@@ -18,7 +18,7 @@ from agrobot_mj.core.spec import Spec
 
 T = TypeVar("T")
 ATOMS = frozenset({float, int, bool, str, bytes, complex, NoneType, np.float64, np.int64, np.bool_, Reference})
-"""Immutable types, whose values are shared instead of copied."""
+"""Immutable types, whose values are shared between copies."""
 
 
 def independent(value: T) -> T:

@@ -1,8 +1,8 @@
 """Local plane on the Earth: conversion between east and north coordinates [m] and latitude and longitude [deg].
 
-The length of a degree is a truncated series for the WGS84 ellipsoid, as in guidance programs for farm machines. A
-degree of latitude is evaluated at the origin, and a degree of longitude at the latitude of the point. The east axis
-follows the parallel: at 51 degrees north, 500 m east of the origin, the plane is 24 mm off the tangent plane.
+The length of a degree is a truncated series for the WGS84 ellipsoid, as in guidance programs for farm machines. The
+length of a degree of latitude is evaluated at the origin, and that of longitude at the latitude of the point. The east
+axis follows the parallel: at 51 degrees north, 500 m from the origin, the axis is 24 mm north of a straight line.
 """
 
 from math import cos, radians

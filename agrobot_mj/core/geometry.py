@@ -29,7 +29,7 @@ def from_heading(yaw: float, forward: float, left: float) -> tuple[float, float]
 
 
 def along_arc(start: tuple[float, float, float], curvature: float, distance: float) -> tuple[float, float, float]:
-    """Return x, y [m] and heading [rad] at `distance` [m] from the pose `start` along an arc of `curvature` [1/m]."""
+    """Return x, y [m] and heading [rad] after a `distance` [m] from pose `start` along an arc of `curvature` [1/m]."""
     x, y, yaw = start
     half_turn = curvature * distance / 2
     chord = distance * (sin(half_turn) / half_turn if half_turn else 1.0)
@@ -53,7 +53,7 @@ def to_body(roll: float, pitch: float, vector: tuple[float, float, float]) -> tu
 
 
 def check_polygon(points: Sequence[tuple[float, float]]) -> None:
-    """Raise ValueError for the key `points` if the corners do not enclose an area."""
+    """Raise ValueError naming the key `points` if the corners do not enclose an area."""
     if len(set(points)) < 3:
         raise ValueError("points: the polygon has fewer than 3 different corners; add corners")
     lengths = np.linalg.svd(np.array(points) - points[0], compute_uv=False)

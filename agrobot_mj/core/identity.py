@@ -1,11 +1,11 @@
 """Identity of a run: digests of all inputs that affect its results.
 
-An identity text consists of five parts with eight hex digits, "scenario-files-plugins-program-libraries". A comparison
-of two texts shows the differing parts. The last three parts identify the code. Digests depend on file contents, not on
-folder names, so that moved results keep their identity.
+The text of an identity consists of five parts with eight hex digits, "scenario-files-plugins-program-libraries". A
+comparison of two texts shows the differing parts. The last three parts identify the code. Digests depend on file
+contents, not on folder names, so that moved results keep their identity.
 
 The plugins part covers the files passed to `take_in`, and the files that they import from outside the installed
-libraries. An imported package is included with all its files. Data files that plugins open from other folders are not
+libraries. All files of an imported package are included. Data files that plugins open in other folders are not
 included.
 """
 
@@ -54,7 +54,7 @@ class Identity(NamedTuple):
 
 
 def code() -> tuple[str, str, str]:
-    """Return the digests of the plugins, the program and the libraries loaded in this process."""
+    """Return the digests of the plugins loaded in this process, of the program, and of the libraries."""
     return joined(sorted(set(_plugins.values()))), PROGRAM, libraries()
 
 
@@ -64,13 +64,13 @@ def code_text() -> str:
 
 
 def read_identity(text: object) -> Identity | None:
-    """Return the identity parsed from a string, or None if the string is invalid."""
+    """Return the run identity parsed from its text, or None for an invalid text."""
     parts = text.split("-") if isinstance(text, str) else []
     return Identity(*parts) if len(parts) == len(Identity._fields) else None
 
 
 def differing(text: object, other: str) -> list[str]:
-    """Return the names of the parts in which two identity or code texts differ, or [""] for an invalid text."""
+    """Return the names of the parts in which two identity texts differ, or [""] if `text` has too few parts."""
     names, one, two = Identity._fields[::-1], str(text).split("-")[::-1], other.split("-")[::-1]
     if len(one) < len(two):
         return [""]
@@ -78,7 +78,7 @@ def differing(text: object, other: str) -> list[str]:
 
 
 def digest(*contents: bytes, digits: int = len(NONE)) -> str:
-    """Return one hex digest of byte strings in the given order, or zeros without byte strings."""
+    """Return the hex digest of byte strings in the given order, or zeros if there are none."""
     whole = hashlib.sha256(b"".join(hashlib.sha256(content).digest() for content in contents))
     return whole.hexdigest()[:digits] if contents else "0" * digits
 
@@ -127,7 +127,7 @@ PROGRAM = program_digest()  # Digest of the sources at the start of this process
 
 
 def take_in(name: str, member: type | None = None) -> None:
-    """Add the files of a loaded module, and of the modules that it imports, to the plugins of the identity.
+    """Add the files of a loaded module, and of the modules that it imports, to the plugins part of the run identity.
 
     For a class `member` defined interactively, for example in a notebook, the compiled code is added.
     """
@@ -140,7 +140,7 @@ def take_in(name: str, member: type | None = None) -> None:
 
 @contextmanager
 def taking_in_imports() -> Iterator[None]:
-    """Add the modules that are first imported within the block to the plugins of the identity."""
+    """Add the modules that are first imported within the block to the plugins part of the run identity."""
     before = set(sys.modules)
     yield
     for name in sys.modules.keys() - before:
@@ -159,7 +159,7 @@ def _take_in(paths: Iterable[Path]) -> None:
 
 
 def _files_of(name: str, installed: bool) -> list[Path]:
-    """Return the file of a module, or all files of its package. Omit installed libraries unless `installed`."""
+    """Return the file of a module, or all files of its package. Omit installed libraries unless `installed` is true."""
     parts = name.split(".")
     if parts[0] in sys.stdlib_module_names or parts[0] == PACKAGE.name:
         return []

@@ -20,9 +20,9 @@ HELD = tuple(
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM", "SIGUSR1", "SIGUSR2", "SIGBREAK")
     if hasattr(signal, name)
 )
-"""Signals whose handlers are delayed, because these handlers commonly raise exceptions."""
+"""Signals whose handlers are delayed, because their handlers commonly raise exceptions."""
 PATIENCE_S = 5.0
-"""Maximum time for which a `with` block may delay signal handlers [s], so that a hanging block can be interrupted."""
+"""Time after which a signal interrupts a hanging block [s]. Blocks of `until_the_end` are never interrupted."""
 
 
 @contextmanager
@@ -49,12 +49,12 @@ class _State:
     def __init__(self) -> None:
         self.blocks = self.indivisible = self.patient = 0
         self.aside: dict[int, Any] = {}
-        """Original handler by signal number, stored permanently because other code may reinstall `_keep` later."""
+        """Original handlers by signal number, kept permanently because other code may reinstall `_keep` later."""
         self.replaced: list[int] = []
         """Signals whose current handler is `_keep`."""
         self.received: list[int] = []
         self.since = 0.0
-        """Time at which the outermost block started or last called `deliver` [s]."""
+        """Time at which the outermost block started, or time of the last call of `deliver` [s]."""
         self.raised: BaseException | None = None
         """Last exception raised by a handler in `deliver`."""
 
@@ -99,7 +99,7 @@ def held_back() -> Block:
 
 
 def until_the_end() -> Block:
-    """Delay signals to the end of the block, whatever its duration, for C code that loses exceptions of callbacks."""
+    """Delay signals to the end of the block, without time limit, because some C code discards callback exceptions."""
     return Block(True, patient=True)
 
 

@@ -45,7 +45,7 @@ def _content() -> str:
 
 
 def _cache() -> Path | None:
-    """Create and return the cache folder of this version, or None if not writable. Delete the oldest caches."""
+    """Create and return the cache folder of this package version, or None on a file error. Delete the oldest caches."""
     home = _home()
     folder = home / _content()
     try:
@@ -60,7 +60,7 @@ def _cache() -> Path | None:
 
 
 def _home() -> Path:
-    """Return the parent folder of all caches, in the user's cache folder or, without a home, in a temporary folder."""
+    """Return the parent folder of all caches in the user's cache folder, or in a temporary folder without a home."""
     try:
         return user_cache_path("agrobot_mj") / "kernels"
     except (RuntimeError, KeyError):  # no HOME and no entry in the password file
@@ -116,7 +116,10 @@ class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
             file.write(content + _checksum(path, content))
 
     def _content(self, path: str) -> bytes | None:
-        """Return the content of a file without its checksum, or None if the file is missing. Raises `_DamagedError`."""
+        """Return the content of a file without its checksum, or None for a missing file.
+
+        Raises `_DamagedError` for a wrong checksum.
+        """
         try:
             found = Path(path).read_bytes()
         except FileNotFoundError:
@@ -149,7 +152,7 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the compiled code for the argument types `sig`, or None if the cache does not contain the code.
 
-        The registries of numba, whose import takes 0.2 s, are only imported for a compilation.
+        Unlike numba's method, this method does not import numba's registries, which takes 0.2 s.
         """
         rtsys.initialize(target_context)
         load = self._load_overload
@@ -164,7 +167,7 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
             self._intact(lambda: save(sig, data))
 
     def _intact(self, work: Callable[[], Any]) -> Any:
-        """Return the result of a cache access, repeated after deleting damaged files, or None on a disk error."""
+        """Return the result of a cache access, repeated after damaged files are deleted, or None on a disk error."""
         try:
             return work()
         except _DamagedError:
@@ -175,7 +178,7 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
 
     @contextmanager
     def compiling(self) -> Iterator[None]:
-        """Lock a function that is missing in the cache, so that other processes wait for its compiled code."""
+        """Lock a missing function while it is compiled, so that other processes wait for the compiled code."""
         handle, index = None, Path(self._cache_file._index_path)
         if not index.exists():
             with suppress(OSError):

@@ -1,4 +1,4 @@
-"""Compilation of scalar kernels with numba, without the GIL and with a disk cache.
+"""Compilation of scalar kernels with numba. Kernels release Python's global lock (GIL) and are cached on disk.
 
 With `NUMBA_DISABLE_JIT=1` kernels are plain Python functions.
 """
@@ -31,7 +31,7 @@ generate_on_request()
 
 
 def shared(function: F) -> F:
-    """Allow kernels to call `function`, and return the unchanged Python function."""
+    """Allow kernels to call the Python function `function`, and return the function unchanged."""
     return cast(F, register_jitable(function))
 
 
@@ -48,7 +48,7 @@ def kernel(function: F) -> F:
     """Compile a function of the physics step on its first call. Division by zero gives infinity or NaN, as in numpy.
 
     The function must not create, store or return arrays. Numba then omits the reference counts of array arguments,
-    whose updates take as long as the arithmetic of a wheel. An array created in a kernel would never be freed;
+    whose updates take as long as the computation of a wheel. An array created in a kernel would never be freed;
     tests/core/test_kernels.py checks that kernels create no arrays. Kernels are inlined into their callers, because
     numba would otherwise pass records, such as the 200 numbers of a wheel, through memory.
     """
@@ -110,7 +110,7 @@ _KEPT: list[Any] = []
 
 
 def _check_references(hint: Any, found: Any) -> None:
-    """Raise TypeError unless the references in the result of a compiled function have the annotated types."""
+    """Raise TypeError unless the references in the result of a compiled function have the types of its annotation."""
     if get_origin(hint) is tuple:
         for part, kind in zip(get_args(hint), found, strict=True):
             _check_references(part, kind)
@@ -146,7 +146,7 @@ def held(value: T, as_it_is: bool = False) -> T:
 
 
 def fetched(value: T) -> T:
-    """Return the named tuple of a reference. Other values are returned unchanged. Kernels may call this function."""
+    """Return the named tuple that a reference points to, or other values unchanged. Kernels may call this function."""
     return cast(T, _fetcher(number_of(value))(value)) if type(value) is Reference else value
 
 

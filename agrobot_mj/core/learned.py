@@ -1,4 +1,4 @@
-"""Table of values learned in a run, with which a later run can start: `learned.parquet`.
+"""Table `learned.parquet` of values learned in a run, which a later run can use as initial values.
 
 Columns:
 
@@ -33,7 +33,7 @@ def learned_table(learned: Learned) -> Any:
 
 
 def read_learned(name: str) -> Learned:
-    """Read learned values from a file. Raises ValueError with the file name and the fix."""
+    """Read learned values from a file. Raises ValueError for an invalid file."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 

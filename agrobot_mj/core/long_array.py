@@ -25,7 +25,7 @@ _TOLD: set[str] = set()  # Folders for which a message about missing disk space 
 
 
 class LongArray:
-    """Array of shape (rows, *shape) with undefined values in unwritten rows. Raises the same errors as `make_room`."""
+    """Array of shape (rows, *shape). Unwritten rows have undefined values. Raises the same errors as `make_room`."""
 
     def __init__(self, rows: int, shape: tuple[int, ...]) -> None:
         self._file: Any = None
@@ -46,7 +46,7 @@ class LongArray:
         return np.ndarray(shape, buffer=self._map, order="F")
 
     def make_room(self, end: int) -> None:
-        """Reserve space for the rows before `end`. Raises OSError with the folder name if there is no space.
+        """Reserve space for the rows before `end`. Raises OSError naming the folder if there is no space.
 
         In a forked process the rows are first copied to a separate file, because both processes map the same file.
         """
@@ -72,7 +72,7 @@ class LongArray:
             self.numbers, self._room, self._map, self._file = numbers, rows, None, None
 
     def release(self) -> None:
-        """Free the memory of rows that were read or written. The values stay in the file."""
+        """Free the memory of rows that were read or written. The values remain in the file."""
         if self._map is not None and hasattr(mmap, "MADV_DONTNEED"):
             self._map.madvise(mmap.MADV_DONTNEED)
 

@@ -1,8 +1,8 @@
 """Generation of machine code only for functions that Python calls.
 
 Numba optimizes each function and generates its machine code, and then optimizes the function again as a part of each
-caller. Here a function that only other kernels call stays LLVM code, which the caller includes. This halves the time
-of compilation and does not change results.
+caller. Here a function that only other kernels call stays LLVM code, which the caller includes. This halves the
+compilation time and does not change results.
 """
 
 from typing import Any
@@ -18,7 +18,7 @@ ENVIRONMENT = "_ZN08NumbaEnv"  # Prefix of the global variables with the Python 
 
 
 class _Library(JITCodeLibrary):  # type: ignore[misc]
-    """Code of a function, from which machine code is generated at the first request of an address."""
+    """Library with the code of one function. Machine code is generated when its address is first requested."""
 
     _generated = False
 
@@ -36,7 +36,7 @@ class _Library(JITCodeLibrary):  # type: ignore[misc]
         self._finalized = True
 
     def _finalize_specific(self) -> None:
-        """Generate machine code; delay signals, because callbacks of LLVM lose exceptions of signal handlers."""
+        """Generate machine code while signals are delayed, because LLVM discards exceptions of signal handlers."""
         with until_the_end():
             super()._finalize_specific()
 
@@ -56,12 +56,12 @@ class _Library(JITCodeLibrary):  # type: ignore[misc]
                 self._codegen.set_env(variable.name, environment)
 
     def serialize_using_object_code(self) -> tuple[Any, ...]:
-        """Return the content of a cache file: machine code, or LLVM code where there is none."""
+        """Return the content of a cache file: machine code or, if none was generated, LLVM code."""
         kind = "object_code" if self._generated else "bitcode"
         return tuple(getattr(super(), f"serialize_using_{kind}")())
 
     def discard_llvm_code(self) -> None:
-        """Replace the LLVM code by definitions of the names that numba looks up, because no other function includes it.
+        """Replace the LLVM code, which no other function includes, by definitions of the names that numba looks up.
 
         The definitions are empty; loading all LLVM code would take longer than loading the machine code.
         """
@@ -72,7 +72,7 @@ class _Library(JITCodeLibrary):  # type: ignore[misc]
 
 
 def _set_environment(codegen: Any, name: str, environment: Any) -> None:
-    """Set the constants of a function with machine code."""
+    """Set the constants of a function for which machine code exists."""
     if codegen._engine.is_symbol_defined(name):
         _set(codegen, name, environment)
 
@@ -81,9 +81,9 @@ _set = JITCPUCodegen.set_env
 
 
 def _environments_with_constants(found: CompileResult) -> list[Any]:
-    """Return the environments with Python constants of a function.
+    """Return the numba environments of a compiled function that contain Python constants.
 
-    Loading an environment from a cache file imports its module, which takes 0.1 s for numba's array functions.
+    Others are omitted, because loading an environment imports its module, in 0.1 s for numba's array functions.
     """
     return [environment for environment in _environments(found) if environment.consts]
 
@@ -92,6 +92,6 @@ _environments = CompileResult._find_referenced_environments
 
 
 def generate_on_request() -> None:
-    """Enable the generation on request for all functions compiled by numba in this process."""
+    """Enable code generation on request for all functions compiled by numba in this process."""
     JITCPUCodegen._library_class, JITCPUCodegen.set_env = _Library, _set_environment
     CompileResult._find_referenced_environments = _environments_with_constants

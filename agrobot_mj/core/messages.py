@@ -1,4 +1,4 @@
-"""Conversion of validation errors to one message per file. The message lists each error with its key and the fix."""
+"""Conversion of validation errors to one message per file, which lists each error with its key and the fix."""
 
 import re
 from collections.abc import Mapping
@@ -95,7 +95,7 @@ class _Repeated:
 
 
 def _walk(loc: tuple[Any, ...], data: Any, root: type[Spec]) -> tuple[list[str], type[Spec] | None]:
-    """Return the keys in the location of a pydantic error, without union tags, and the class that owns the last key."""
+    """Return the keys in the location of a pydantic error, without union tags, and the class with the last key."""
     keys: list[str] = []
     owner: type[Spec] | None = root
     following: type[Spec] | None = root

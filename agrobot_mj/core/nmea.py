@@ -1,7 +1,7 @@
 """NMEA 0183 sentences of a GNSS receiver: output of GGA, RMC and VTG, and parsing of the fields of any sentence.
 
 A sentence is `$fields*CS` followed by CR LF. CS is the exclusive or of the characters between `$` and `*` as two hex
-digits. Minutes of angle have seven decimals (0.2 mm), because the usual five quantise an RTK position to 19 mm.
+digits. Minutes of angle have seven decimals (0.2 mm), because five decimals would quantise positions to 19 mm.
 """
 
 from datetime import UTC, datetime, timedelta
@@ -13,7 +13,7 @@ KNOTS = 3600 / 1852  # Conversion factor from m/s to knots [kn per m/s]
 MINUTE_DECIMALS = 7
 NO_FIX, GPS_FIX, DGPS_FIX, RTK_FIX, RTK_FLOAT = 0, 1, 2, 4, 5  # Values of the fix quality indicator in GGA sentences
 MODES = {NO_FIX: "N", DGPS_FIX: "D", RTK_FIX: "R", RTK_FLOAT: "F"}
-"""Mode letter in RMC and VTG sentences by fix quality. Default: "A"."""
+"""Mode letter of RMC and VTG sentences by fix quality; "A" applies to other qualities."""
 
 
 class Solution(NamedTuple):
@@ -55,13 +55,13 @@ def fields_of(datagram: bytes) -> list[str] | None:
 
 
 def clock(t: float) -> str:
-    """Return the UTC time `t` [s] after the start of the run, in the form hhmmss.ss."""
+    """Return the UTC time at `t` [s] after the start of the run, in the form hhmmss.ss."""
     time = START + timedelta(seconds=round(t, 2))
     return f"{time:%H%M%S}.{time.microsecond // 10000:02d}"
 
 
 def date(t: float) -> str:
-    """Return the UTC date `t` [s] after the start of the run, in the form ddmmyy."""
+    """Return the UTC date at `t` [s] after the start of the run, in the form ddmmyy."""
     return f"{START + timedelta(seconds=round(t, 2)):%d%m%y}"
 
 
@@ -84,7 +84,7 @@ def degrees_of(text: str, hemisphere: str) -> float:
 
 
 def place(solution: Solution) -> tuple[str, str, str, str]:
-    """Return the position fields of a sentence: latitude, N or S, longitude, E or W."""
+    """Return the position fields of an NMEA sentence: latitude, N or S, longitude, E or W."""
     return *angle(solution.latitude, "NS", 2), *angle(solution.longitude, "EW", 3)
 
 
@@ -94,7 +94,7 @@ def to_compass(yaw: float) -> float:
 
 
 def gga(s: Solution) -> bytes:
-    """Return the GGA sentence: position and quality."""
+    """Return the GGA sentence, with position and fix quality."""
     where = place(s) if s.quality else ("", "", "", "")
     return sentence(
         *("GPGGA", clock(s.t), *where, s.quality, f"{s.satellites:02d}", f"{s.hdop:.1f}"),
@@ -103,14 +103,14 @@ def gga(s: Solution) -> bytes:
 
 
 def rmc(s: Solution) -> bytes:
-    """Return the RMC sentence: position, speed, course and date."""
+    """Return the RMC sentence, with position, speed, course and date."""
     where, status = (place(s), "A") if s.quality else (("", "", "", ""), "V")
     motion = (f"{s.speed * KNOTS:.3f}", f"{to_compass(s.course):.2f}") if s.quality else ("", "")
     return sentence("GPRMC", clock(s.t), status, *where, *motion, date(s.t), "", "", MODES.get(s.quality, "A"))
 
 
 def vtg(s: Solution) -> bytes:
-    """Return the VTG sentence: course and speed over ground."""
+    """Return the VTG sentence, with course and speed over ground."""
     if not s.quality:
         return sentence("GPVTG", "", "T", "", "M", "", "N", "", "K", "N")
     motion = f"{to_compass(s.course):.2f}", "T", "", "M", f"{s.speed * KNOTS:.3f}", "N", f"{s.speed * 3.6:.3f}", "K"

@@ -13,18 +13,18 @@ VERMILION = "#D55E00"
 PINK = "#CC79A7"
 GREY = "#999999"
 LIGHT_GREY, DARK_GREY = "#BBBBBB", "#666666"
-"""Greys that are distinguishable from the other colours, on dark and on white backgrounds."""
+"""Greys for dark and for white backgrounds, each distinguishable from the other colours."""
 BRIGHT_BLUE = "#3A9BDC"
 """Variant of `BLUE` for lines on a dark background."""
 ROYAL_BLUE, BROWN = "#3A6FD8", "#8C6D46"
-"""Additional colours on a dark background, for plots of eight runs or of nine network rules."""
+"""Additional colours for plots with many curves on a dark background."""
 WINE, OLIVE = "#882255", "#999933"
 """Additional colours for figures with many guidance laws, from Tol's colour-blind-safe muted palette."""
 NAMES = {
     **{ORANGE: "orange", SKY_BLUE: "sky blue", VERMILION: "vermilion", GREEN: "green"},
     **{PINK: "pink", YELLOW: "yellow", ROYAL_BLUE: "blue", LIGHT_GREY: "grey"},
 }
-"""Colour names used for the runs of a comparison."""
+"""Names of the colours that represent the runs of a comparison."""
 
 
 def rgba(colour: str, alpha: int = 0xFF) -> int:

@@ -1,4 +1,4 @@
-"""Independent random streams, identified by name, from one seed.
+"""Independent random streams, identified by name and generated from one seed.
 
 A stream depends only on the seed and its name: adding, removing or reordering sensors changes no other stream. The same
 seed gives the same numbers in every process, unlike Python's salted `hash`.
@@ -20,7 +20,7 @@ from numpy.random import Generator, SeedSequence, _generator, default_rng
 from agrobot_mj.core.kernels import shared
 
 LIBRARY = str(_generator.__file__)
-"""Path of the compiled numpy module that exports the functions of the random distributions."""
+"""Path of the compiled numpy module that exports functions for sampling random distributions."""
 if config.DISABLE_JIT:
     normal: Any = ctypes.CDLL(LIBRARY).random_standard_normal
     normal.restype, normal.argtypes = ctypes.c_double, [ctypes.c_void_p]
@@ -31,12 +31,12 @@ else:
 
 
 def address(generator: Generator) -> int:
-    """Return the memory address of a generator, which is valid as long as the generator exists."""
+    """Return the memory address of a random generator, which is valid as long as the generator exists."""
     return int(ctypes.cast(generator.bit_generator.ctypes.bit_generator, ctypes.c_void_p).value or 0)
 
 
 def addresses(generators: Iterable[Generator]) -> Any:
-    """Return the memory addresses of generators as a tuple."""
+    """Return the memory addresses of random generators as a tuple."""
     return tuple(map(address, generators))
 
 
@@ -54,7 +54,7 @@ def generators(state: Any) -> list[Generator]:
 
 
 class _Finder(pickle.Pickler):
-    """Pickler that collects generators instead of writing them."""
+    """Pickler that collects random generators instead of writing them."""
 
     def __init__(self, nowhere: io.BytesIO) -> None:
         super().__init__(nowhere, protocol=pickle.HIGHEST_PROTOCOL)
@@ -76,7 +76,7 @@ def branch(generator: Generator, number: int) -> None:
 
 
 _BRANCH = int.from_bytes(blake2b(b"branch", digest_size=4).digest(), "little")
-"""Element of the spawn keys of branches, different from the child numbers used by `SeedSequence.spawn`."""
+"""Element of the spawn keys of branches. It differs from the child numbers used by `SeedSequence.spawn`."""
 
 
 def gauss_markov(value: float, white: float, dt: float, correlation: float) -> float:
@@ -101,7 +101,7 @@ class GaussMarkov(NamedTuple):
         return cls(generator, tuple(generator.standard_normal(axes).tolist()))
 
     def after(self, dt: float, correlation: float) -> "GaussMarkov":
-        """Return the process after a step of `dt`. The correlation time `correlation` has the same unit."""
+        """Return the process after a step of `dt`. The correlation time `correlation` has the same unit as `dt`."""
         white, (kept, new) = self.generator.standard_normal(len(self.value)).tolist(), shares(dt, correlation)
         return GaussMarkov(self.generator, tuple([kept * v + new * w for v, w in zip(self.value, white, strict=True)]))
 
@@ -118,7 +118,7 @@ def shares(dt: float, correlation: float) -> Shares:
 
 @shared
 def wandered(value: float, weights: Shares, generator: int) -> float:
-    """Return the next value of a Gauss-Markov process; `generator` is the address of the generator of white noise."""
+    """Return the next value of a Gauss-Markov process; `generator` is the address of the white-noise generator."""
     white: float = normal(generator)
     return weights[0] * value + weights[1] * white
 

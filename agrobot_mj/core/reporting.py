@@ -19,5 +19,5 @@ class Reporting(Spec):
         return ()
 
     def report(self, state: Any) -> Sequence[float]:
-        """Return the values of `columns` after the last tick; `state` is the state of the part after this tick."""
+        """Return the values of `columns` after the last tick; `state` is the state of the part after the same tick."""
         return ()

@@ -1,4 +1,4 @@
-"""Kernels for a path given by samples: nearest point, and points and curvatures at arc lengths."""
+"""Kernels for a path given by samples: nearest path point, and path points and curvatures at given arc lengths."""
 
 from math import atan2, sqrt
 from typing import NamedTuple
@@ -13,7 +13,7 @@ STEP_M = 0.05  # Spacing of the samples [m]
 WINDOW_M = 4.0  # Half-width of the search window around the given arc length [m]
 ROUNDING_M = 1e-6  # Extension of a leg at both ends to allow for rounding errors, less than the sample spacing [m]
 BEND = 1.4
-"""Maximum heading change of the path from the middle of the search window to either end [rad]. Must be below 90 deg."""
+"""Maximum heading change of the path from the middle of the search window to either end [rad]. Must be below pi / 2."""
 T, X, Y, YAW, CURVATURE, SPEED, S, TURNED, DIRECTION = range(9)  # Column numbers of the sample array, as in `Sample`
 
 
@@ -33,7 +33,7 @@ class Sample(NamedTuple):
 
 @shared
 def _offset(a: Sample, x: float, y: float) -> float:
-    """Return the signed distance [m] of (x, y) [m] from the osculating circle of a sample, positive to the left."""
+    """Return the signed distance [m] of (x, y) [m] from the osculating circle at a sample, positive to the left."""
     ahead, left = to_heading(a.yaw, x - a.x, y - a.y)
     along, across = a.curvature * ahead, 1 - a.curvature * left
     return (2 * left - a.curvature * (ahead * ahead + left * left)) / (1 + sqrt(along * along + across * across))
@@ -43,9 +43,9 @@ def _offset(a: Sample, x: float, y: float) -> float:
 def found_nearest(
     samples: Matrix, x: float, y: float, near: float, low: float, high: float, window: float
 ) -> tuple[int, bool]:
-    """Return the index of the sample nearest to (x, y) [m], and whether it is inside the search range, not at its end.
+    """Return the index of the sample nearest to (x, y) [m], and whether it is in the interior of the search range.
 
-    The search range is centred at the arc length `near` [m] and limited to the leg from `low` to `high` [m]. On both
+    The search range is centred at the arc length `near` [m] and limited to the path from `low` to `high` [m]. On both
     sides it extends by `window` [m], but at most by a heading change of BEND.
     """
     s, turned = samples[:, S], samples[:, TURNED]
@@ -71,7 +71,7 @@ def offset_at(samples: Matrix, k: int, x: float, y: float) -> float:
 
 @jit
 def nearest_point(samples: Matrix, x: float, y: float, near: float, low: float, high: float) -> PathPoint:
-    """Return the path point nearest to (x, y) [m], near the arc length `near` and between `low` and `high` [m]."""
+    """Return the path point nearest to (x, y) [m], near the arc length `near` [m] and between `low` and `high` [m]."""
     near = min(max(near, low), high)
     k, inside = found_nearest(samples, x, y, near, low, high, WINDOW_M)
     a = _sample_at(samples, k)
@@ -92,9 +92,9 @@ def point_at(samples: Matrix, s: float) -> PathPoint:
 
 @jit
 def curvatures_at(samples: Matrix, distances: Vector) -> tuple[Vector, float]:
-    """Return the curvature [1/m] of the last sample up to each of `distances` [m], and the maximum of `distances`.
+    """Return the path curvature [1/m] at each of the arc lengths `distances` [m], and the maximum of `distances`.
 
-    The curvature at a distance before the start is 0.
+    Each value is the curvature of the last sample at or before the arc length, or 0 before the start of the path.
     """
     found, last, most = np.zeros(distances.size), samples.shape[0] - 1, -np.inf
     for i in range(distances.size):

@@ -1,8 +1,8 @@
 """Messages between the stages of one tick, in SI units and radians.
 
 Frames: ENU (x east, y north, z up); yaw from east, counter-clockwise; vehicle axes as in ISO 8855 (x forward, y left, z
-up). Steering, yaw rate and lateral velocity are left-positive, pitch is nose-down-positive, roll is
-left-side-up-positive.
+up). Steering, yaw rate and lateral velocity are positive to the left. Pitch is positive with the nose down, and roll
+with the left side up.
 """
 
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ TICK_S = 0.05
 ROUNDING_S = 1e-6
 """Tolerance in comparisons of times [s], well above rounding errors and well below a tick."""
 NEUTRAL_V = 6.0
-"""Valve voltage that causes no flow [V]. The paper gives the range 0-12 V."""
+"""Valve voltage at which no oil flows [V]. The paper gives the range 0-12 V."""
 
 WHEELS = ("fl", "fr", "rl", "rr")
 """Order of the wheels in all arrays: front left, front right, rear left, rear right."""
@@ -26,7 +26,7 @@ Outcome = Literal[
     "completed", "unfinished", "stopped", "rolled_over", "diverged", "left_terrain", "stuck", "jackknifed", "aborted",
     "host_lost", "not_engaged", "latched",
 ]  # fmt: skip
-"""Possible outcomes of a run. With guidance along a path, `completed` means that the path was driven to its end."""
+"""Possible outcomes of a run. For guidance along a path, `completed` means that the path was followed to its end."""
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
@@ -44,7 +44,7 @@ class Column(NamedTuple):
     description: str
     """Description in one line: quantity, frame and sign."""
     drawn: bool = True
-    """Whether recordings plot the signal separately if no other plot contains it. The log contains every signal."""
+    """Whether recordings plot the signal separately if no other plot contains it. The log contains all signals."""
 
 
 class Truth(NamedTuple):
@@ -57,13 +57,13 @@ class Truth(NamedTuple):
     y: float
     """North coordinate of the CG [m]."""
     z: float
-    """Vertical coordinate of the CG [m], up positive."""
+    """Vertical coordinate of the CG [m], positive upwards."""
     yaw: float
-    """Heading from east [rad], counter-clockwise, wrapped to (-pi, pi]."""
+    """Heading [rad], counter-clockwise from east, wrapped to (-pi, pi]."""
     pitch: float
-    """Pitch, nose down positive [rad]."""
+    """Pitch [rad], positive with the nose down."""
     roll: float
-    """Roll [rad], left side up positive."""
+    """Roll [rad], positive with the left side up."""
     speed: float
     """Velocity of the CG along the heading, u in the paper [m/s]."""
     lateral_speed: float
@@ -71,36 +71,36 @@ class Truth(NamedTuple):
     yaw_rate: float
     """Yaw rate, gamma in the paper [rad/s]."""
     steer: float
-    """Steering angle of the virtual front wheel of the bicycle model [rad], left positive."""
+    """Steering angle of the virtual front wheel of the bicycle model [rad], positive to the left."""
     pedal: float
-    """Pedal position, -1 (full reverse) to 1 (full forward) [-]."""
+    """Pedal position from -1 (full reverse) to 1 (full forward) [-]."""
     rear_x: float
     """East coordinate of R [m], the point on the ground below the centre of the rear axle."""
     rear_y: float
     """North coordinate of the rear-axle point R [m]."""
     antenna: tuple[float, float, float]
-    """Position of the GNSS antenna, ENU [m]."""
+    """Position of the GNSS antenna in ENU coordinates [m]."""
     antenna_velocity: tuple[float, float, float]
-    """Velocity of the GNSS antenna, ENU [m/s]."""
+    """Velocity of the GNSS antenna in ENU axes [m/s]."""
     steer_samples: Vector
     """Steering angle after each physics step of the last tick [rad], oldest first, shape (n,)."""
     pedal_samples: Vector
     """Pedal position after each physics step of the last tick [-], oldest first, shape (n,)."""
     wheel_speed: float = nan
-    """Mean circumferential speed of the rear wheels [m/s]: angular velocity times free radius, forward positive."""
+    """Mean circumferential speed of the rear wheels [m/s]: angular velocity times free radius, positive forward."""
     body_rates: tuple[float, float, float] = (nan, nan, nan)
-    """Angular velocity in chassis axes: x forward, y left, z up [rad/s]."""
+    """Angular velocity in chassis axes (x forward, y left, z up) [rad/s]."""
     knuckle_samples: Matrix = np.zeros((2, 0))
     """Steering angles of the left and right front wheel after each physics step of the last tick, shape (2, n) [rad],
     or an empty array for a plant without steering knuckles."""
     rear_velocity: tuple[float, float, float] = (nan, nan, nan)
-    """Velocity of the rear-axle point R, ENU [m/s]."""
+    """Velocity of the rear-axle point R in ENU axes [m/s]."""
     implement: tuple[float, float] = (nan, nan)
-    """Working point of the implement [m], east and north, or NaN if there is no implement."""
+    """Position (east, north) of the implement's working point [m], or NaN if there is no implement."""
 
 
 class Fix(NamedTuple):
-    """GNSS solution: position and velocity of the antenna, and the heading from two antennas."""
+    """GNSS solution: position and velocity of the antenna, and heading measured with two antennas."""
 
     x: float
     """East coordinate of the antenna [m]."""
@@ -111,11 +111,11 @@ class Fix(NamedTuple):
     vy: float
     """North velocity of the antenna [m/s]."""
     t: float = nan
-    """Time of validity of the solution since the start [s], or NaN if the receiver does not report this time."""
+    """Time since the start at which the solution is valid [s], or NaN if the receiver does not report this time."""
     z: float = nan
     """Height of the antenna [m], or NaN if the receiver does not report the height."""
     heading: float = nan
-    """Heading from two antennas [rad], from east, counter-clockwise, or NaN if not measured or ambiguous."""
+    """Heading measured with two antennas [rad], counter-clockwise from east, or NaN if not measured or ambiguous."""
 
 
 NO_FIX = Fix(nan, nan, nan, nan)
@@ -123,7 +123,7 @@ NO_FIX = Fix(nan, nan, nan, nan)
 
 
 class Quality:
-    """Quality of a GNSS solution, as logged in `gnss_quality`. DGPS, a corrected code solution, is worse than FLOAT."""
+    """Quality of a GNSS solution, as in column `gnss_quality`. DGPS, a corrected code solution, is worse than FLOAT."""
 
     NONE, FLOAT, FIX, DGPS = range(4)
 
@@ -156,7 +156,7 @@ class Distortion(NamedTuple):
     delay_s: float = 0.0
     """Delay of the signal [s], a whole number of ticks."""
     stuck: Literal["", "last", "zero"] = ""
-    """Value transmitted by a stuck line: its `last` value or `zero`; "" if the line is not stuck."""
+    """Value transmitted by a stuck line: its `last` value or `zero`; an empty string for a line that is not stuck."""
     lost: bool = False
     """Whether the signal is lost, so that the received value is NaN."""
 
@@ -190,12 +190,12 @@ class Conditions(NamedTuple):
     valve_gain: float = 1.0
     """Flow of the steering valve divided by its flow without a fault [-]."""
     valve_dead_band: float = 0.0
-    """Increase in the half-width of the steering valve's dead band [V]."""
+    """Increase in the half width of the steering valve's dead band [V]."""
     payload: tuple[PointMass, ...] = ()
     drawbar: float = 0.0
     """Drawbar pull of an implement at the hitch [N], against the direction of motion."""
     side_force: float = 0.0
-    """Horizontal force on the CG [N], to the left of the heading."""
+    """Horizontal force on the CG [N], positive to the left of the heading."""
     grip: float = 1.0
     """Factor on the friction coefficient of the ground under all wheels [-]."""
     tyre_stiffness: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
@@ -217,7 +217,7 @@ class Measurement(NamedTuple):
     quality: int
     """Quality of the newest delivered solution, a constant of `Quality`."""
     steer: float
-    """Filtered steering angle from the potentiometer [rad], left positive."""
+    """Filtered steering angle from the potentiometer [rad], positive to the left."""
     pedal: float
     """Filtered pedal position from the potentiometer [-]."""
     gyro: float
@@ -225,9 +225,9 @@ class Measurement(NamedTuple):
     roll: float = nan  # Roll from the inertial unit [rad], left side up positive, or NaN if not measured
     pitch: float = nan  # Pitch from the inertial unit [rad], nose down positive, or NaN if not measured
     wheel_speed: float = nan
-    """Speed of the driven wheels from their sensor [m/s], forward positive, or NaN if not measured."""
+    """Speed of the driven wheels from their sensor [m/s], positive when driving forward, or NaN if not measured."""
     readings: Mapping[str, Any] = MappingProxyType({})
-    """Measurements of all sensors by sensor name, as in the table `[sensors]`."""
+    """Measurements of all sensors by sensor name, as in the scenario table `[sensors]`."""
 
 
 class Estimate(NamedTuple):
@@ -238,7 +238,7 @@ class Estimate(NamedTuple):
     y: float
     """North coordinate of the CG [m]."""
     yaw: float
-    """Heading [rad], wrapped to (-pi, pi]. Estimators that determine the course of R report this course instead."""
+    """Heading [rad], wrapped to (-pi, pi]. Estimators of the course of R store this course instead."""
     speed: float
     """Velocity of the rear-axle point R along `yaw`, negative in reverse [m/s]."""
     yaw_rate: float
@@ -250,14 +250,14 @@ class Estimate(NamedTuple):
     covariance: Array
     """Covariance of (rear_x, rear_y, yaw), shape (3, 3) [m2, m rad, rad2]."""
     nis: float = nan
-    """Normalised innovation squared (NIS) of the position [-]; mean 2 for a consistent filter, NaN without a fix."""
+    """Normalised innovation squared (NIS) of the position [-], NaN without a fix; mean 2 for a consistent filter."""
     steer_bias: float = nan
-    """Bias of the measured steering angle [rad], left positive: measured angle minus the angle that explains the
-    motion. NaN if not estimated."""
+    """Bias of the measured steering angle [rad], positive to the left: measured angle minus the angle that explains
+    the motion. NaN if not estimated."""
     sideslip: float = 0.0
-    """Course of the rear-axle point R minus the heading [rad] if `yaw` is the course, or 0 if not identifiable."""
+    """Course of the rear-axle point R minus the heading [rad]; 0 if `yaw` is the heading, or if not identifiable."""
     aligned: bool = True
-    """Whether the filter has determined the yaw. Before alignment `yaw` is the initial value."""
+    """Whether the filter has determined the yaw. Before this alignment `yaw` is the initial value."""
     fix_age: float = nan
     """Time since the newest accepted fix or, before the first fix, since the start [s]."""
     position_sigma: float = nan
@@ -271,7 +271,7 @@ class Reference(NamedTuple):
 
     `yaw` is the heading of the tractor, forward and in reverse. The signed speed u = vx cos(yaw) + vy sin(yaw) along
     the heading is negative in reverse, and the velocity across the heading is zero. `curvature` is the yaw rate divided
-    by u, left positive: wheels turned left give a positive curvature, forward and in reverse. Without reverse driving
+    by u: wheels turned to the left give a positive curvature, forward and in reverse. Without reverse driving
     `yaw` is the direction of travel. At a cusp u passes through zero while `yaw` is continuous.
     """
 
@@ -286,9 +286,9 @@ class Reference(NamedTuple):
     yaw: float
     """Heading of the tractor, wrapped to (-pi, pi] [rad]."""
     curvature: float
-    """Yaw rate divided by signed speed [1/m], left positive."""
+    """Yaw rate divided by signed speed [1/m], positive to the left."""
     curvature_rate: float = 0.0
-    """Time derivative of `curvature` [1/(m s)], or 0 where the curvature is discontinuous and at standstill."""
+    """Time derivative of `curvature` [1/(m s)]; 0 at standstill and where the curvature is discontinuous."""
 
 
 class PathPoint(NamedTuple):
@@ -305,39 +305,39 @@ class PathPoint(NamedTuple):
     yaw: float
     """Heading of a tractor on the path at this point, wrapped to (-pi, pi] [rad]."""
     curvature: float
-    """Curvature of the path at this point [1/m], left positive."""
+    """Curvature of the path at this point [1/m], positive to the left."""
     speed: float
     """Speed of the reference along the heading [m/s], negative in reverse."""
     offset: float
     """Signed distance of the query point from the path [m], positive to the left of the path heading."""
     direction: float = 1.0
-    """Direction of travel [-], also defined where the reference is at rest: 1 forward, -1 in reverse."""
+    """Direction of travel [-]: 1 forward, -1 in reverse; also defined where the reference is at rest."""
 
 
 class Command(NamedTuple):
     """Command of a guidance law to the low-level loops."""
 
     steer: float
-    """Commanded angle of the virtual front wheel of the bicycle model [rad], left positive."""
+    """Commanded angle of the virtual front wheel of the bicycle model [rad], positive to the left."""
     speed: float
     """Commanded velocity along the heading [m/s], negative in reverse."""
     steer_voltage: float | None = None
-    """Voltage of the steering valve [V], from a law that bypasses the steering loop; otherwise None."""
+    """Voltage of the steering valve [V] from a guidance law that bypasses the steering loop; otherwise None."""
     pedal: float | None = None
-    """Pedal position from -1 to 1 [-] that bypasses the speed loop, for a stop at unknown speed; otherwise None."""
+    """Pedal position from -1 to 1 [-] that bypasses the speed loop, for stopping at unknown speed; otherwise None."""
     released: bool = False
-    """Whether the pedal valve is unpowered. A spring then returns the pedal, independent of the pedal sensor."""
+    """Whether the pedal valve is unpowered, so that a spring returns the pedal independently of the pedal sensor."""
 
 
 class Drive(NamedTuple):
     """Output of the low-level loops to the valves and the brake."""
 
     steer_voltage: float
-    """Steering valve voltage, 0-12 V, neutral at 6 V; higher voltages steer left [V]."""
+    """Steering valve voltage [V] from 0 to 12, neutral at 6. Voltages above 6 steer to the left."""
     pedal_voltage: float
-    """Pedal valve voltage [V], 0-12 V, neutral at 6 V, or NaN without power. Higher voltages drive forward."""
+    """Pedal valve voltage [V] from 0 to 12, neutral at 6, or NaN without power. Voltages above 6 drive forward."""
     brake: float = 0.0
-    """Brake torque divided by its maximum, 0 to 1 [-]."""
+    """Brake torque divided by its maximum, from 0 to 1 [-]."""
 
     @property
     def powered_pedal(self) -> float:

@@ -84,7 +84,7 @@ def whole_ticks(seconds: float) -> float:
 
 
 UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
-"""Pattern of control characters, separators, bidirectional marks and lone surrogates, which affect the terminal."""
+"""Pattern of control characters, separators, bidirectional marks and lone surrogates, which disturb a terminal."""
 
 
 def printable(text: str) -> str:
@@ -95,12 +95,12 @@ def printable(text: str) -> str:
 
 
 SOFTEST_KPA, FIRMEST_KPA = 50.0, 5000.0
-"""Minimum and maximum accepted cone index of a soil [kPa]. Assumed values: the tyre fits cover about 200-2000; on much
+"""Minimum and maximum accepted cone index of a soil [kPa]. Assumed values: tyre data cover about 200-2000; on much
 softer soil a tractor gets stuck, and much firmer ground is a road."""
 
 
 def cone_index_in_range(kpa: float) -> float:
-    """Return `kpa` unchanged. Raises ValueError for a cone index far outside the range of the tyre fits."""
+    """Return `kpa` unchanged. Raises ValueError for a cone index far outside the range of the fitted tyre laws."""
     if not SOFTEST_KPA <= kpa <= FIRMEST_KPA:
         fits = "the soil model is valid"
         raise ValueError(f"must be from {SOFTEST_KPA:g} to {FIRMEST_KPA:g} kPa, the range in which {fits}, got {kpa:g}")
@@ -117,10 +117,10 @@ class Spec(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True, defer_build=True)
 
     sized: ClassVar[Mapping[str, Mapping[str, float]]] = {}
-    """Exponents with which default values scale with the size ratios of `machine.fitting.ratios_of`, by dotted key."""
+    """Exponents of the size ratios (`machine.fitting.ratios_of`) that scale default values, by dotted key."""
 
     def following(self, ratios: Mapping[str, float]) -> Self:
-        """Return a copy with default values, also in nested tables, scaled by the size `ratios` of a machine."""
+        """Return a copy whose default values, also in nested tables, are scaled by the size `ratios` of a machine."""
         parts = {name: part for name in type(self).model_fields if isinstance(part := getattr(self, name), Spec)}
         found = self.model_copy()
         found.__dict__.update({name: part.following(ratios) for name, part in parts.items()})
@@ -137,7 +137,7 @@ class Spec(BaseModel):
 
     @classmethod
     def describe(cls, key: str) -> str:
-        """Return the printable description of a key, by default its docstring, or an empty string if there is none."""
+        """Return the printable description of a key: by default its docstring, or an empty string without docstring."""
         text = cls.model_fields[key].description or attribute_docstrings(cls).get(key, "")
         return "\n".join(UNPRINTABLE.sub("", line) for line in text.split("\n"))
 
@@ -163,7 +163,7 @@ def fill(part: Spec, keys: list[str], value: Any, default: bool = False) -> None
 
 
 def members(annotation: Any) -> Mapping[str, type[Spec]]:
-    """Return the configuration classes in an annotation by their `kind`, or by class name for a class without kinds."""
+    """Return the configuration classes in an annotation by `kind`, or by class name if a class has no kind."""
     return _members(annotation)
 
 
@@ -181,5 +181,5 @@ def _members(annotation: Any) -> Mapping[str, type[Spec]]:
 
 
 def every(union: Any) -> list[type[Spec]]:
-    """Return the classes of a discriminated union such as `Path`. The union is the registry of all kinds of a table."""
+    """Return the classes of a discriminated union such as `Path`, which contains all kinds of a table."""
     return list(dict.fromkeys(members(union).values()))

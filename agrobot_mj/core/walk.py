@@ -1,6 +1,6 @@
-"""Traversal of the configuration schema: all keys, and all classes that the table under a key may have.
+"""Traversal of the configuration schema: all keys, and all possible classes of the table under a key.
 
-Several kinds of a table may define the same key, so that a dotted key can belong to several classes, see `places`.
+Different kinds of a table may define the same key, so that a dotted key can belong to several classes, see `places`.
 """
 
 import re
@@ -39,7 +39,7 @@ SYNONYMS = {
     "heading": ("yaw",),
     "time": ("duration",),
 }
-"""Words in the names of keys and kinds, by a synonym that users may search for."""
+"""Words used in the names of keys and kinds, for each synonym that users may search for."""
 SHORT = 3  # Maximum number of letters of a search word that matches complete words only, such as `mu`
 
 
@@ -50,7 +50,7 @@ def alternatives(word: str) -> tuple[str, ...]:
 
 
 def named_by(words: list[str], text: str) -> bool:
-    """Return whether `text` contains the joined `words`, or each word or one of its synonyms."""
+    """Return whether `text` contains the joined `words` or, for each word, the word itself or a synonym."""
     if "".join(words).lower() in re.sub(r"[\s_]", "", text.lower()):
         return True
     parts = set(re.split(r"[^a-z0-9]+", text.lower()))
@@ -58,7 +58,7 @@ def named_by(words: list[str], text: str) -> bool:
 
 
 def _contains(parts: set[str], text: str, word: str) -> bool:
-    """Return whether a text contains `word`: as one of its words `parts` or, if longer than `SHORT`, anywhere."""
+    """Return whether `word` is one of the words `parts` or, if longer than `SHORT` letters, a part of `text`."""
     return word in parts or (len(word) > SHORT and word in text)
 
 
@@ -95,7 +95,7 @@ class TableClass(NamedTuple):
 
 
 def keys(owner: type[Spec], prefix: str = "", above: tuple[type[Spec], ...] = ()) -> Iterator[Key]:
-    """Yield all keys of the class `owner` and of its nested classes. Recursive classes are visited once."""
+    """Yield all keys of the class `owner` and of its nested classes. A class nested in itself is visited once."""
     for name, field in owner.model_fields.items():
         yield Key(prefix + name, owner, name)
         for member in members(field.annotation).values():
@@ -130,9 +130,9 @@ def elsewhere(root: type[Spec], name: str) -> str:
 
 
 def named(root: type[Spec], name: str, table: str = "") -> list[str]:
-    """Return up to `MOST_OFFERED` dotted keys that end with `name`, keys in `table` first.
+    """Return up to `MOST_OFFERED` dotted keys whose last part is `name`, keys in `table` first.
 
-    Outside `table`, a name without an underscore is searched for only near the root.
+    Outside `table`, a name without an underscore is searched for only near the root of the schema.
     """
     found = index_of(root).names.get(name, [])
     inside = [dotted for dotted in found if table and dotted.startswith(f"{table}.")]
@@ -146,7 +146,7 @@ def nearest(root: type[Spec], dotted: str, owner: type[Spec] | None) -> str:
     Suggestions, in this order:
 
     1. the kind of the table that has this key,
-    2. a key of the table with a unit added or with a similar spelling or meaning, keys of `owner` first,
+    2. a key of the table whose name adds a unit or is similar in spelling or meaning, keys of `owner` first,
     3. the same name in another table.
     """
     table, _, name = dotted.rpartition(".")
@@ -179,7 +179,7 @@ def _kind(key: Key) -> str:
 
 
 def _like(name: str, known: Iterable[str]) -> list[str]:
-    """Return the known names that consist of `name` and a unit, or else synonyms, or else the most similar name."""
+    """Return the known names that consist of `name` and a unit, or else its synonyms, or else the most similar name."""
     known = list(known)
     if with_unit := [each for each in known if each.startswith(f"{name}_")]:
         return with_unit
@@ -187,7 +187,7 @@ def _like(name: str, known: Iterable[str]) -> list[str]:
 
 
 def places(root: Spec, tables: Sequence[str]) -> list[TableClass]:
-    """Return all classes that the table under the keys `tables` of `root` may have. The list may be empty."""
+    """Return all possible classes of the table under the keys `tables` of `root`. The list may be empty."""
     found = [TableClass((), type(root), root)]
     for depth, name in enumerate(tables):
         found = [inner for place in found for inner in _inside(place, name, ".".join(tables[: depth + 1]))]

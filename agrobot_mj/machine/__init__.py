@@ -21,7 +21,7 @@ class Machine(NamedTuple):
 
     @property
     def steering_rate(self) -> float:
-        """Rate of the steering angle at the valve's maximum flow [rad/s]."""
+        """Steering rate at the maximum flow of the valve [rad/s]."""
         return self.valve.largest_flow * LITRE_PER_MINUTE / self.cylinder.displacement
 
 

@@ -5,9 +5,9 @@ gain and a limit. Without power a spring returns the pedal to neutral. The pump 
 first-order lag. The output is the rim speed that corresponds to the oil flow.
 
 The MuJoCo plant adds the spring of the trapped oil and the differential; the bicycle plant uses the rim speed as
-vehicle speed. All numbers are assumed values for the two-pedal hydrostat of a compact tractor in its low range. Default
-values of torque, stiffness, damping and brake are proportional to mass times wheel radius, so that tractors of the same
-shape climb and hold the same slope. The default power is proportional to mass.
+vehicle speed. All numbers are assumed values for the two-pedal hydrostatic drive of a compact tractor. Default values
+of torque, stiffness, damping and brake are proportional to mass times wheel radius, so that tractors of the same shape
+climb and hold the same slope. The default power is proportional to mass.
 """
 
 from math import exp, isnan
@@ -23,71 +23,72 @@ from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 
 TORQUE_N_M, POWER_KW, STIFFNESS_N_M_RAD, DAMPING_N_M_S_RAD = 3000.0, 14.0, 6.0e4, 400.0
 """Maximum torque [N m], maximum power [kW], stiffness [N m/rad] and damping [N m s/rad] of the drive of the compact
-tractor. Assumed values: torque above the grip on firm ground; power 75 % of an engine of 18.6 kW."""
+tractor. Assumed values: the torque makes the wheels slip on firm ground; the power is 75 % of an 18.6 kW engine."""
 BRAKING_M_S2 = 3.55
-"""Deceleration of the tractor by its brake [m/s2]: the minimum for service brakes up to 30 km/h in [EU2015]. The brake
-then holds the tractor on a slope of 21 deg (38 %); parking brakes must hold it on a slope of 18 %."""
+"""Deceleration of the tractor by its brake [m/s2]: the minimum for service brakes up to 30 km/h in [EU2015]. With this
+deceleration the brake holds the tractor on a slope of 21 deg (38 %); parking brakes must hold on a slope of 18 %."""
 
 
 ReleaseDeg = Annotated[float, Field(gt=0, le=60)]  # Steering angle at which a lock or a drive is released [deg]
 
 
 class Driveline(Spec):
-    """Driveline from the voltage of the pedal valve to the rear wheels."""
+    """Driveline from the pedal valve to the driven wheels."""
 
     pedal_dead_band_v: Annotated[float, Field(ge=0, lt=NEUTRAL_V)] = 0.30
-    """Half width of the dead band about neutral [V]. Assumed value (0.2-0.6)."""
+    """Half width of the pedal valve's dead band about neutral [V]. Assumed value (range 0.2-0.6)."""
     pedal_rate_per_v_s: Positive = 0.50
-    """Pedal rate per volt outside the dead band [1/(V s)]. Assumed value (0.3-1)."""
+    """Pedal rate per volt outside the dead band [1/(V s)]. Assumed value (range 0.3-1)."""
     pedal_rate_limit_per_s: Positive = 1.5
-    """Maximum pedal rate [1/s]. Assumed value (0.5-2 s for full travel)."""
+    """Maximum pedal rate [1/s]. Assumed value: full pedal travel takes 0.5-2 s."""
     pedal_return_per_s: Positive = 2.0
-    """Rate at which the spring returns the pedal if the valve is unpowered [1/s]. Assumed value (1-4)."""
+    """Rate at which the spring returns the pedal of an unpowered valve [1/s]. Assumed value (range 1-4)."""
     full_speed_m_s: Positive = 5.0
-    """Rim speed at full pedal [m/s]. Assumed value (15-25 km/h in the high range of this class)."""
+    """Rim speed at full pedal [m/s]. Assumed value (range 4-7 in the high gear of compact tractors)."""
     pump_time_constant_s: Positive = 0.30
-    """Time constant with which the pump displacement follows the pedal [s]. Assumed value (0.2-0.5)."""
+    """Time constant with which the pump displacement follows the pedal [s]. Assumed value (range 0.2-0.5)."""
     torque_limit_n_m: Positive | None = None
-    """Sum of the torques of the driven wheels at which the relief valve opens [N m], in driving and braking. Default:
-    scaled with mass and rear wheel radius from 3000 for the compact tractor, above the grip on firm ground."""
+    """Sum of the torques of the driven wheels at which the relief valve opens [N m], when driving and braking. Default:
+    3000 for the compact tractor, which makes the wheels slip on firm ground; scaled with mass and rear wheel radius."""
     power_limit_kw: Positive | None = None
-    """Maximum power at the wheels [kW]. Default: scaled with the mass from 14 for the compact tractor."""
+    """Maximum power at the wheels [kW]. Default: 14 for the compact tractor, scaled with the mass."""
     brake_torque_n_m: NonNegative | None = None
-    """Torque of the service and parking brake [N m]: braking force times rear wheel radius, or 0 for no brake. Default:
-    for a deceleration of 3.55 m/s2 [EU2015], 1118 for the compact tractor."""
+    """Torque of the service and parking brake [N m]: braking force times rear wheel radius; 0 for no brake. Default:
+    from a deceleration of 3.55 m/s2 [EU2015]; 1118 for the compact tractor."""
     brake_front_share: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Fraction of the braking force that acts at the front wheels [-]. Default: rear brakes only, as on compact
-    tractors. Assumed value: 0.5 with a brake at each wheel, or if braking engages the front-wheel drive [EPO1995]."""
+    tractors. Assumed value: 0.5 for a brake at each wheel, or if braking engages the front-wheel drive [EPO1995]."""
     connected: bool = True
     """Whether the range gear is engaged. If the gear is in neutral, the wheels roll freely."""
     differential_lock: bool = False
     """Whether the rear differential is locked, so that both rear wheels turn at the same speed."""
     front_wheel_drive: bool = False
-    """Whether the front axle is driven too, by a shaft and an open front differential."""
+    """Whether a shaft also drives the front axle, through an open front differential."""
     lock_release_deg: ReleaseDeg | None = None
     """Steering angle above which the differential lock is released [deg]. The lock engages again 3 deg below this
-    angle. Default: never released. Assumed value (5-15)."""
+    angle. Default: never released. Assumed value (range 5-15)."""
     front_release_deg: ReleaseDeg | None = None
     """Steering angle above which the front-wheel drive is released [deg]. The drive engages again 3 deg below this
-    angle. Default: never released. Assumed value (20-30)."""
+    angle. Default: never released. Assumed value (range 20-30)."""
     front_engage_slip: Annotated[float, Field(gt=0, lt=1)] | None = None
     """Slip of the rear wheels at which the front-wheel drive engages [-]. The drive is released at half this slip.
-    Default: engaged at any slip. Assumed value (0.05-0.15)."""
+    Default: engaged at any slip. Assumed value (range 0.05-0.15)."""
     motor_front_share: Annotated[float, Field(ge=0.01, le=0.99)] | None = None
     """Fraction of the drive torque at the front wheels [-], for a machine with one motor per wheel. Both motors of an
     axle have the same torque, as with an open differential. Default: no motors at the front wheels. Assumed value:
-    0.5 for robots with equal wheels."""
+    0.5 for robots with four equal wheels."""
     engine_droop: Annotated[float, Field(ge=0, le=0.3)] = 0.0
-    """Relative decrease of the rim speed between no load and full engine power [-]. Default: 0, for constant speed.
-    Assumed value (0.05-0.1) for mechanical governors."""
+    """Relative decrease of the rim speed from no load to full engine power [-]. Default: 0, for constant speed.
+    Assumed value (range 0.05-0.1) for mechanical governors."""
     front_lead: Annotated[float, Field(ge=0.8, le=1.25)] = 1.02
-    """Rim speed of the driven front wheels divided by rim speed of the rear wheels [-]. Assumed value (1.01-1.05)."""
+    """Rim speed of the driven front wheels divided by the rim speed of the rear wheels [-]. Assumed value (range
+    1.01-1.05)."""
     stiffness_n_m_rad: Positive | None = None
-    """Stiffness of trapped oil and shafts, referred to the mean wheel angle [N m/rad]. Default: scaled with mass and
-    rear wheel radius from 6e4 for the compact tractor."""
+    """Stiffness of trapped oil and shafts, referred to the mean wheel angle [N m/rad]. Default: 6e4 for the compact
+    tractor, scaled with mass and rear wheel radius."""
     damping_n_m_s_rad: NonNegative | None = None
-    """Damping of shafts and final drives, referred to the mean wheel speed [N m s/rad]. Default: scaled with mass and
-    rear wheel radius from 400 for the compact tractor."""
+    """Damping of shafts and final drives, referred to the mean wheel speed [N m s/rad]. Default: 400 for the compact
+    tractor, scaled with mass and rear wheel radius."""
 
     @model_validator(mode="after")
     def _releases_what_it_has(self) -> "Driveline":
@@ -103,7 +104,7 @@ class Driveline(Spec):
         return self
 
     def strength(self, tractor: TractorParameters) -> "Strength":
-        """Return the limits of torque and power, and the compliance; defaults scale with the size of the tractor."""
+        """Return the limits of torque, power and brake, and the compliance; defaults scale with the tractor's size."""
         mass = tractor.mass_kg / COMPACT.mass_kg
         moment = mass * (tractor.rear_wheel_radius_m / COMPACT.rear_wheel_radius_m)
         weight = tractor.mass_kg * tractor.rear_wheel_radius_m
@@ -127,7 +128,7 @@ def _given(value: float | None, default: float) -> float:
 
 
 class Strength(NamedTuple):
-    """Torque and power limits, and compliance, of a machine's driveline."""
+    """Limits of torque, power and brake of a driveline, and its compliance."""
 
     torque: float  # Relief torque of the hydrostat, summed over the driven wheels [N m]
     power: float  # Maximum driving power [W]
@@ -149,14 +150,14 @@ class DriveLaw(NamedTuple):
 
 
 class DriveMemory(NamedTuple):
-    """State of pedal and pump between two physics steps; the arrays are modified in place."""
+    """State of pedal and pump between two physics steps; the arrays in the state are modified in place."""
 
     pedal: Array  # Pedal position in [-1, 1], shape (1,) [-]
     speed: Array  # Rim speed that corresponds to the oil flow [m/s], shape (1,)
 
 
 def drive_law(driveline: Driveline, dt: float) -> tuple[DriveLaw, DriveMemory]:
-    """Return the parameters of `drive_step` and its initial state, for physics steps of `dt` [s]."""
+    """Return the parameters and the initial state of `drive_step`, for physics steps of `dt` [s]."""
     law = DriveLaw(
         dead_band=driveline.pedal_dead_band_v,
         gain=driveline.pedal_rate_per_v_s,

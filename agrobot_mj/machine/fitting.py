@@ -1,8 +1,8 @@
 """Size ratios of a machine to the compact tractor, and warnings about parts that are implausible for its weight.
 
 Each class of parameters lists in `sized` the keys that scale with the size of the machine, and their exponents: a
-look-ahead distance scales with the length, a cornering stiffness with the axle load. The plausibility limits are wide:
-all production machines satisfy them.
+look-ahead distance scales with the length, a cornering stiffness with the axle load. The plausibility limits are wide,
+so that all production machines satisfy them.
 """
 
 from collections.abc import Iterator
@@ -14,25 +14,25 @@ from agrobot_mj.machine.implements.base import HitchedBody, ImplementBase, wheel
 from agrobot_mj.machine.tractor import COMPACT, GRAVITY, AxleWheel, TractorParameters
 
 DEEPEST_SHARE = 0.15
-"""Maximum plausible static deflection divided by free radius [-]. Assumed value: half the section height."""
+"""Maximum plausible static tyre deflection divided by free radius [-]. Assumed value: half the section height."""
 DENSEST_KPA, DENSEST_DRAWN_KPA = 70.0, 150.0
 """Maximum plausible wheel load divided by tyre width times diameter [kPa], for tractors and for implements. Assumed
-values: up to 45 and 100 in manufacturers' tables."""
+values, above the maxima of 45 and 100 in manufacturers' tables."""
 LIGHTEST_KN_M3 = 4.0
 """Minimum plausible weight of a machine divided by the sum of diameter squared times width over its wheels [kN/m3].
-Assumed value: 7-10 for quads and light robots, 15-26 for the machines of the library."""
+Assumed value, below the values of quads and light robots (7-10) and of the machines in the library (15-26)."""
 HIGHEST_BAR = 250.0  # Maximum pressure of a real steering system [bar]. Assumed value: 100-200 are common.
 LEAST_PULL, LEAST_POWER = 0.15, 0.07
-"""Minimum plausible driving force divided by the weight [-]: at the torque limit, and at the power limit and path
+"""Minimum plausible driving force divided by the weight [-], at the torque limit, and at the power limit and path
 speed. Assumed values: the rolling resistance is 0.05-0.07 of the weight."""
 COMPACT_WIDTH_M = 2.0
-"""Working width of the compact tractor, the default of `path.swath_m` [m]. Assumed value (1.5-2.5)."""
+"""Working width of the compact tractor, the default of `path.swath_m` [m]. Assumed value (range 1.5-2.5)."""
 
 
 def fit_warnings(machine: Machine, scrubs: bool, speed: float) -> Iterator[str]:
     """Yield a warning for each part that is implausible for the machine's weight or for the path `speed` [m/s].
 
-    `scrubs` is whether the tyres resist steering at standstill; if so, the steering torque is also checked.
+    If the tyres resist steering at standstill (`scrubs`), the steering torque is also checked.
     """
     hitched = machine.implement.hitched(machine.tractor)
     yield from _light(machine.tractor)
@@ -102,7 +102,7 @@ def _drive(machine: Machine, hitched: HitchedBody | None, speed: float) -> Itera
 def ratios_of(tractor: TractorParameters, driveline: Driveline, implement: ImplementBase) -> dict[str, float]:
     """Return the size ratios of a machine to the compact tractor by name [-].
 
-    The quantities are wheelbase, track width, working width, turning radius, mass, static axle loads and full speed.
+    The ratios compare wheelbase, track width, working width, turning radius, mass, static axle loads and full speed.
     The working width is the width of the implement if given; otherwise it scales with the track width.
     """
     track = tractor.track_m / COMPACT.track_m
@@ -120,5 +120,6 @@ def ratios_of(tractor: TractorParameters, driveline: Driveline, implement: Imple
 
 
 def _turning_radius(tractor: TractorParameters) -> float:
-    """Return the turning radius of the rear axle [m] at the steering limit of the tractor or of `COMPACT`, if lower."""
+    """Return the turning radius of the rear axle [m] at the steering limit of this tractor or of `COMPACT`, whichever
+    angle is smaller."""
     return tractor.wheelbase_m / tan(radians(min(tractor.steer_limit_deg, COMPACT.steer_limit_deg)))

@@ -1,14 +1,14 @@
 """Electro-hydraulic steering: from valve voltage through oil flow to steering rate.
 
 The input is 0-12 V, neutral at 6 V; the output is a flow in m3/s, positive to the left. A transport delay and a
-first-order spool lag precede a static map with dead band, a gain for each direction, and saturation. The structure is
-from [Qiu1999], the limits 0-12 V and 12 l/min from the paper, section V-B. The other values are assumed within the
-ranges of the literature: delay 0.1-0.3 s, time constant 0.1-0.2 s, dead band 3-10 % of the voltage range, steering rate
-15-30 deg/s.
+first-order spool lag precede a static characteristic with dead band, a gain for each direction, and saturation. The
+structure is from [Qiu1999]; the limits 0-12 V and 12 l/min are from the paper, section V-B. The other values are
+assumed within the ranges of the literature: delay 0.1-0.3 s, time constant 0.1-0.2 s, dead band 3-10 % of the voltage
+range, steering rate 15-30 deg/s.
 
 The flow saturates at the limit of the valve section or at the available pump flow. The pump flow is proportional to the
-engine speed; without a priority valve other consumers take their flow first. A valve without pressure compensation is
-an orifice: its flow decreases as sqrt(1 - p / p_supply), with the pressure p against the motion [Merritt1967].
+engine speed; without a priority valve other consumers are supplied first. A valve without pressure compensation is an
+orifice: its flow decreases as sqrt(1 - p / p_supply), with the pressure p against the motion [Merritt1967].
 
 The cylinder is described by its displacement per radian at the bicycle model's virtual wheel. The bicycle plant has a
 rigid cylinder; the MuJoCo plant adds the spring of the trapped oil. Bore and lever arm determine the steering rate. By
@@ -31,14 +31,14 @@ FULL_RANGE_V = 12.0  # Maximum voltage of a valve [V]. Paper, section V-B.
 LITRE_PER_MINUTE = 1e-3 / 60  # Conversion factor from l/min to m3/s [m3/s per l/min]
 RELIEF_MARGIN = 3.0
 """Relief torque divided by the torque that turns the wheels at standstill [-]. Assumed value: 2 for a doubled axle load
-times 1.5 for rough ground and end stops. For a cylinder of this class the relief pressure is then 100 bar."""
+times 1.5 for rough ground and end stops. The resulting relief pressure of the compact tractor is 8 bar."""
 STIFFNESS, DAMPING = 5.0e4, 400.0
 """Stiffness [N m/rad] and damping [N m s/rad] of the compact tractor's steering. Assumed values: an oil column of about
 2e5 in series with linkage and hoses of about 7e4."""
 
 
 class Valve(Spec):
-    """Electro-hydraulic proportional valve and its pump.
+    """Electro-hydraulic proportional valve of the steering, and its pump.
 
     Default flows scale with the wheelbase, like the lever arm of the cylinder, so that all machines steer equally fast.
     """
@@ -46,27 +46,27 @@ class Valve(Spec):
     sized: ClassVar = {key: {"length": 1} for key in ("pump_flow_l_min", "gain_left_l_min_v", "gain_right_l_min_v")}
 
     delay_s: Annotated[float, Field(ge=0, le=5)] = 0.10
-    """Transport delay, rounded to physics steps [s]. Assumed value (0.1-0.3 in the literature)."""
+    """Transport delay of the valve, rounded to physics steps [s]. Assumed value (range 0.1-0.3 in the literature)."""
     time_constant_s: Annotated[float, Field(gt=0, le=10)] = 0.10
-    """Time constant of the valve spool [s]. Assumed value (0.1-0.2 in the literature)."""
+    """Time constant of the valve spool [s]. Assumed value (range 0.1-0.2 in the literature)."""
     dead_band_v: Annotated[float, Field(ge=0, lt=NEUTRAL_V)] = 0.40
-    """Half width of the dead band about neutral [V]. Assumed value, 3.3 % of the range (3-10 % in the literature)."""
+    """Half width of the dead band about neutral [V]. Assumed value: 3.3 % of the range (3-10 % in the literature)."""
     gain_left_l_min_v: Positive = 3.2
-    """Flow per volt outside the dead band, steering left [l/(min V)]. Assumed value: full flow 4 V from neutral."""
+    """Flow per volt outside the dead band, steering left [l/(min V)]. Assumed value: full flow at 4 V from neutral."""
     gain_right_l_min_v: Positive = 2.8
-    """Flow per volt outside the dead band, steering right [l/(min V)]. Assumed value: 10-20 % less than to the left."""
+    """Flow per volt outside the dead band, steering right [l/(min V)]. Assumed value: 10-20 % below the left gain."""
     pump_flow_l_min: Positive = 12.0
     """Pump flow [l/min]; the valve saturates at this flow in both directions. Paper, section V-B."""
     section_flow_l_min: Positive | None = None
     """Maximum flow of the valve section [l/min]. Default: limited only by the pump."""
     engine_speed_share: Annotated[float, Field(ge=0.1, le=1.5)] = 1.0
-    """Engine speed divided by the engine speed that gives `pump_flow_l_min` [-]; about 0.4 for an idling engine."""
+    """Engine speed divided by the engine speed that gives `pump_flow_l_min` [-]; about 0.4 when the engine idles."""
     other_flow_l_min: NonNegative = 0.0
     """Flow to other consumers, such as a lift or a hydraulic motor [l/min]."""
     priority: bool = True
     """Whether a priority valve supplies the steering first; otherwise the other consumers are supplied first."""
     supply_pressure_bar: Positive | None = None
-    """Supply pressure of a valve without pressure compensation [bar]. Default: the valve is pressure-compensated."""
+    """Supply pressure of a valve without pressure compensation [bar]. Default: the valve has pressure compensation."""
 
     @property
     def largest_flow(self) -> float:
@@ -81,16 +81,17 @@ class Cylinder(Spec):
     sized: ClassVar = {"arm_m": {"length": 1}}
 
     bore_mm: Positive = 63.0
-    """Bore diameter of the cylinder [mm]. Assumed value (50-70 for this class)."""
+    """Bore diameter of the cylinder [mm]. Assumed value (range 50-70 for compact tractors)."""
     rod_mm: Positive = 25.0
-    """Diameter of the piston rod [mm]. Assumed value (20-32). The model uses the mean of both piston areas."""
+    """Diameter of the piston rod [mm]; the model uses the mean of both piston areas. Assumed value (range 20-32)."""
     arm_m: Positive = 0.155
-    """Mean lever arm about the kingpins [m]. Assumed value (0.12-0.18). Arm and bore determine the steering rate."""
+    """Mean lever arm of the cylinder about the kingpins [m]; arm and bore determine the steering rate. Assumed value
+    (range 0.12-0.18)."""
     relief_pressure_bar: Positive | None = None
     """Pressure at which the relief valve opens [bar]. Default: 3 times the pressure that turns the parked wheels."""
     stiffness_n_m_rad: Positive | None = None
-    """Stiffness of trapped oil, hoses and linkage in series [N m/rad]. Default: proportional to load times width of the
-    front tyres, 5e4 for the compact tractor."""
+    """Stiffness of trapped oil, hoses and linkage in series [N m/rad]. Default: proportional to front axle load times
+    front tyre width; 5e4 for the compact tractor."""
     damping_n_m_s_rad: NonNegative | None = None
     """Damping of linkage and seals [N m s/rad]. Default: scales like the stiffness, 400 for the compact tractor."""
 
@@ -108,11 +109,11 @@ class Cylinder(Spec):
 
     @property
     def displacement(self) -> float:
-        """Oil volume displaced by the cylinder per radian of the virtual front wheel [m3/rad]."""
+        """Oil volume displaced by the cylinder per radian of the virtual front wheel's angle [m3/rad]."""
         return self.area * self.arm_m
 
     def column(self, tractor: TractorParameters, linkage: Linkage = UPRIGHT) -> "OilColumn":
-        """Return the properties of the oil column: given values, or values scaled to the front axle."""
+        """Return the properties of the oil column; values that are not given scale with the front axle."""
         bar, share = self.relief_pressure_bar, tractor.front_axle_load / COMPACT.front_axle_load
         size = share * tractor.front_wheel_width_m / COMPACT.front_wheel_width_m
         sized = RELIEF_MARGIN * linkage.parked_torque(tractor)
@@ -143,7 +144,7 @@ class ValveLaw(NamedTuple):
 
 
 class ValveMemory(NamedTuple):
-    """State of the valve between two physics steps; the arrays are modified in place."""
+    """State of the valve between two physics steps; the arrays in the state are modified in place."""
 
     spool: Array  # Lagged voltage at the spool [V], shape (1,)
     queue: Array  # Ring buffer of the delayed voltages [V], shape (delay steps + 1,)
@@ -151,7 +152,7 @@ class ValveMemory(NamedTuple):
 
 
 def valve_law(valve: Valve, dt: float) -> tuple[ValveLaw, ValveMemory]:
-    """Return the parameters of `valve_step` and its initial state, for physics steps of `dt` [s]."""
+    """Return the parameters and the initial state of `valve_step`, for physics steps of `dt` [s]."""
     law = ValveLaw(
         lag=exp(-dt / valve.time_constant_s),
         dead_band=valve.dead_band_v,
@@ -183,7 +184,7 @@ def worn_valve(law: ValveLaw, gain: float, dead_band: float) -> ValveLaw:
 
 @kernel
 def static_flow(law: ValveLaw, voltage: float) -> float:
-    """Return the steady-state flow [m3/s] at a spool voltage [V]: dead band, gain of the direction, saturation."""
+    """Return the steady-state flow [m3/s] at a spool voltage [V], with dead band, directional gain and saturation."""
     v = voltage - NEUTRAL_V
     if v > law.dead_band:
         return min(law.gain_left * (v - law.dead_band), law.saturation)
@@ -194,7 +195,7 @@ def static_flow(law: ValveLaw, voltage: float) -> float:
 
 @kernel
 def valve_step(law: ValveLaw, memory: ValveMemory, voltage: float) -> float:
-    """Advance the valve by one physics step under `voltage` [V]; return the oil flow [m3/s]."""
+    """Advance the valve by one physics step at the input `voltage` [V]; return the oil flow [m3/s]."""
     n = memory.queue.shape[0]
     head = memory.head[0]
     memory.queue[head] = min(max(voltage, 0.0), FULL_RANGE_V)
@@ -206,7 +207,7 @@ def valve_step(law: ValveLaw, memory: ValveMemory, voltage: float) -> float:
 
 @kernel
 def loaded_flow(law: ValveLaw, flow: float, pressure: float) -> float:
-    """Return the flow [m3/s] of a valve with the unloaded flow `flow` at a cylinder `pressure` [Pa].
+    """Return the flow [m3/s] of a valve at a cylinder `pressure` [Pa]; `flow` is the flow without pressure.
 
     A positive pressure pushes the wheels to the left.
     """
@@ -219,8 +220,7 @@ def loaded_flow(law: ValveLaw, flow: float, pressure: float) -> float:
 
 @kernel
 def beyond_play(deflection: float, play: float) -> float:
-    """Return the part of a deflection outside a play with the half width `play`, in the same unit; 0 within the
-    play."""
+    """Return the deflection beyond a play of half width `play`, or 0 within the play, in the unit of the deflection."""
     if deflection > play:
         return deflection - play
     if deflection < -play:

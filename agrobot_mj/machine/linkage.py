@@ -16,7 +16,8 @@ from agrobot_mj.core.spec import NonNegative, Spec
 from agrobot_mj.machine.tractor import TractorParameters
 
 DRY_GRIP = 0.75
-"""Friction coefficient of a tyre that turns at standstill on dry ground [-]. Assumed value (0.6-0.8 in the field)."""
+"""Friction coefficient of a tyre on dry ground that is steered at standstill [-]. Assumed value (range 0.6-0.8 in the
+field)."""
 
 
 class Linkage(Spec):
@@ -24,15 +25,16 @@ class Linkage(Spec):
 
     kingpin_offset_m: Annotated[float, Field(ge=-0.1, le=0.3)] = 0.0
     """Scrub radius [m]: distance at the ground from the kingpin axis outwards to the centre plane of the wheel.
-    Default: 0. Assumed value for compact tractors (0.02-0.08)."""
+    Default: 0. Assumed value (range 0.02-0.08) for compact tractors."""
     kingpin_inclination_deg: Annotated[float, Field(ge=0, le=20)] = 0.0
-    """Inward inclination of the kingpin tops [deg]. Default: 0. Assumed value for tractors (5-10)."""
+    """Inward inclination of the kingpin tops [deg]. Default: 0. Assumed value (range 5-10) for tractors."""
     caster_deg: Annotated[float, Field(ge=-10, le=20)] = 0.0
-    """Caster: backward inclination of the kingpin tops [deg]. Default: 0. Assumed value for tractors (0-5)."""
+    """Caster: backward inclination of the kingpin tops [deg]. Default: 0. Assumed value (range 0-5) for tractors."""
     backlash_deg: Annotated[float, Field(ge=0, le=20)] = 0.0
-    """Total play between cylinder and wheels, at the wheel [deg]. Default: 0. Assumed value (0.3-1 new, 2-4 worn)."""
+    """Total play between cylinder and wheels, at the wheel [deg]. Default: 0. Assumed value (range 0.3-1 new, 2-4
+    worn)."""
     friction_n_m: NonNegative = 0.0
-    """Friction torque of kingpins and seals of both wheels [N m]. Default: 0. Assumed value for tractors (5-20)."""
+    """Friction torque of kingpins and seals, both wheels [N m]. Default: 0. Assumed value (range 5-20) for tractors."""
 
     @property
     def moved(self) -> bool:
@@ -40,11 +42,11 @@ class Linkage(Spec):
         return any((self.kingpin_offset_m, self.kingpin_inclination_deg, self.caster_deg))
 
     def axis(self, side: int) -> tuple[float, float, float]:
-        """Return an upward vector along a kingpin axis in vehicle axes; `side` is 1 for left and -1 for right."""
+        """Return an upward vector in vehicle axes along a kingpin axis; `side` is 1 for left and -1 for right."""
         return -tan(radians(self.caster_deg)), -side * tan(radians(self.kingpin_inclination_deg)), 1.0
 
     def foot(self, side: int, radius: float) -> tuple[float, float, float]:
-        """Return the point where a kingpin axis meets the ground, relative to the wheel centre, in vehicle axes [m].
+        """Return the point where a kingpin axis meets the ground, in vehicle axes relative to the wheel centre [m].
 
         `side` is 1 for left and -1 for right; `radius` is the loaded radius of the wheel [m].
         """

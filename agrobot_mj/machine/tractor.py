@@ -13,13 +13,13 @@ from agrobot_mj.machine.tyre_size import TyreSize, nominal_size, tyre_size
 
 GRAVITY = 9.81  # Gravitational acceleration [m/s2], as MuJoCo's default
 Body = Literal["open", "roll_bar", "cab", "robot"]
-"""Appearance of a machine: a seat without roll bar, a seat with roll bar, a cab, or a deck without a seat."""
+"""Appearance of a machine: seat without roll bar, seat with roll bar, cab, or deck without seat."""
 WITH_ROLL_BAR_KG, WITH_CAB_KG = 450.0, 2500.0
-"""Minimum mass of a tractor drawn with a roll bar, and of a tractor drawn with a cab [kg]. Assumed values."""
+"""Minimum mass of a tractor shown with a roll bar, and of a tractor shown with a cab [kg]. Assumed values."""
 
 
 class AxleWheel(NamedTuple):
-    """Properties of the two equal wheels of an axle, with their tyres."""
+    """Properties of one wheel with its tyre. Both wheels of an axle are equal."""
 
     axle: str  # Axle of a tractor, "front" or "rear"; "rear" for an implement
     radius: float  # Free radius of the wheel [m]
@@ -37,7 +37,7 @@ class AxleWheel(NamedTuple):
 
 
 DAMPING_RATIO = 0.15
-"""Vertical damping of a tyre divided by critical damping under the static load [-]. Assumed value (0.05-0.2)."""
+"""Vertical damping of a tyre divided by critical damping under the static load [-]. Assumed value (range 0.05-0.2)."""
 AntennaPlace = Annotated[float, Field(ge=-20, le=20)]  # Horizontal distance of an antenna from the rear axle [m]
 AXLES = ("front", "rear")  # Names of the axles of a tractor, at the beginning of their keys
 TyreCode = Annotated[str, Field(min_length=1, max_length=40)]  # Size code of a tyre, see `tyre_size`
@@ -45,11 +45,11 @@ PressureBar = Annotated[float, Field(ge=0.3, le=8)]  # Inflation pressure [bar]
 
 
 class TractorParameters(Spec):
-    """Geometry, masses and tyre sizes (`[tractor]`).
+    """Geometry, masses and tyre sizes of the tractor (`[tractor]`).
 
     The default values describe the compact tractor. For other values of mass and wheelbase, default lengths scale with
     the wheelbase and default masses with the mass. The yaw inertia scales with mass times wheelbase squared, and the
-    other inertias scale with the yaw inertia. The default antenna has a constant height above the rear wheels.
+    other inertias scale with the yaw inertia. The default height of the antenna above the rear wheels is constant.
     """
 
     sized: ClassVar = {
@@ -62,38 +62,42 @@ class TractorParameters(Spec):
     }
 
     wheelbase_m: Annotated[float, Field(ge=0.5, le=10)] = 1.40
-    """Wheelbase L [m], from front to rear axle. Assumed value (1.4-1.6 for this class)."""
+    """Wheelbase L [m], from front to rear axle. Assumed value (range 1.4-1.6 for compact tractors)."""
     track_m: Annotated[float, Field(ge=0.3, le=6)] = 1.00
-    """Track width between the centre planes of the wheels, both axles [m]. Assumed value (0.9-1.1, adjustable)."""
+    """Track width of both axles, between the centre planes of the wheels [m]. Assumed value (range 0.9-1.1,
+    adjustable)."""
     mass_kg: Annotated[float, Field(ge=50, le=100000)] = 750.0
-    """Mass m of the complete tractor in working order [kg]. Assumed value (700-800)."""
+    """Mass m of the complete tractor in working order [kg]. Assumed value (range 700-800)."""
     front_load_fraction: Annotated[float, Field(ge=0.05, le=0.95)] = 0.38
-    """Fraction of the static weight carried by the front axle [-]. Assumed value (0.35-0.40 in the literature)."""
+    """Fraction of the static weight carried by the front axle [-]. Assumed value (range 0.35-0.40 in the
+    literature)."""
     cg_height_m: Annotated[float, Field(ge=0.05, le=5)] = 0.55
-    """Height of the CG above level ground at static load [m]. Assumed value (0.5-0.7, with roll bar)."""
+    """Height of the CG above level ground at static load [m]. Assumed value (range 0.5-0.7, with roll bar)."""
     yaw_inertia_kg_m2: Positive = 400.0
-    """Yaw inertia I_z of the complete tractor about its CG [kg m2]. Assumed value (350-450; gyration radius 0.73 m)."""
+    """Yaw inertia I_z of the complete tractor about its CG [kg m2]. Assumed value (range 350-450) for a gyration radius
+    of 0.73 m."""
     roll_inertia_kg_m2: Positive = 120.0
-    """Roll inertia I_x of the complete tractor about its CG [kg m2]. Assumed value (80-160; gyration radius 0.4 m)."""
+    """Roll inertia I_x of the complete tractor about its CG [kg m2]. Assumed value (range 80-160) for a gyration radius
+    of 0.4 m."""
     pitch_inertia_kg_m2: Positive = 340.0
-    """Pitch inertia I_y of the tractor about its CG [kg m2]. Assumed value (280-400): gyration radius of 0.67 m."""
+    """Pitch inertia I_y of the tractor about its CG [kg m2]. Assumed value (range 280-400; gyration radius 0.67 m)."""
     front_wheel_radius_m: Annotated[float, Field(ge=0.1, le=2)] = 0.28
-    """Free radius of a front wheel [m]. Assumed value, typical of a 6-12 tyre."""
+    """Free radius of a front wheel [m]. Assumed value for a 6-12 tyre."""
     rear_wheel_radius_m: Annotated[float, Field(ge=0.1, le=2)] = 0.42
-    """Free radius of a rear wheel [m]. Assumed value, typical of a 9.5-16 tyre."""
+    """Free radius of a rear wheel [m]. Assumed value for a 9.5-16 tyre."""
     front_wheel_width_m: Annotated[float, Field(ge=0.02, le=2)] = 0.16
-    """Section width of a front tyre [m]. Assumed value, typical of a 6-12 tyre."""
+    """Section width of a front tyre [m]. Assumed value for a 6-12 tyre."""
     rear_wheel_width_m: Annotated[float, Field(ge=0.02, le=2)] = 0.24
-    """Section width of a rear tyre [m]. Assumed value, typical of a 9.5-16 tyre."""
+    """Section width of a rear tyre [m]. Assumed value for a 9.5-16 tyre."""
     front_wheel_mass_kg: Positive = 18.0
-    """Mass of one front wheel with its tyre [kg]. Assumed value (12-25)."""
+    """Mass of one front wheel with its tyre [kg]. Assumed value (range 12-25)."""
     rear_wheel_mass_kg: Positive = 45.0
-    """Mass of one rear wheel with its tyre [kg]. Assumed value (30-60, no ballast)."""
+    """Mass of one rear wheel with its tyre [kg]. Assumed value (range 30-60 without ballast)."""
     front_tyre: TyreCode | None = None
     """Size code of the front tyres, such as 420/85R30, 6-12 or 26x12.00-12. The code replaces radius and width of the
     wheels, and determines section height and carcass. Default: a bias tyre with radius and width of the wheels."""
     rear_tyre: TyreCode | None = None
-    """Size code of the rear tyres, such as 520/85R42. Effect and default as for `front_tyre`."""
+    """Size code of the rear tyres, such as 520/85R42; effect and default are the same as for `front_tyre`."""
     front_tyre_pressure_bar: PressureBar | None = None
     """Inflation pressure of the front tyres [bar]. Default: 0.6-2.4, so that the static load deflects the tyre by 20 %
     of the section height."""
@@ -110,25 +114,28 @@ class TractorParameters(Spec):
     rear_tyre_damping_n_s_m: NonNegative | None = None
     """Vertical damping of one rear tyre [N s/m]. Default: 15 % of critical damping for the load on the tyre."""
     axle_pivot_limit_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
-    """Angle at which the oscillating front axle meets its stops [deg], in both directions. Assumed value (8-12)."""
+    """Angle at which the oscillating front axle meets its stops [deg], in both directions. Assumed value (range
+    8-12)."""
     axle_pivot_radii: Annotated[float, Field(ge=-0.5, le=1.5)] = 0.18
-    """Height of the front axle's pivot above the wheel centres, divided by their radius [-]. Assumed value (0-0.3)."""
+    """Height of the front axle's pivot above the wheel centres, divided by their radius [-]. Assumed value (range
+    0-0.3)."""
     steer_limit_deg: Positive = Field(45.0, le=60.0)
     """Maximum angle of the virtual front wheel of the bicycle model [deg]. Paper, section V-B."""
     antenna_height_m: Annotated[float, Field(ge=0, le=20)] = 2.0
     """Height of the GNSS antenna above level ground [m]. Paper, section V-A."""
     antenna_ahead_m: AntennaPlace = 0.0
-    """Distance of the GNSS antenna ahead of the rear axle [m]. Paper, section V-A; up to 1 on a cab roof."""
+    """Distance of the GNSS antenna ahead of the rear axle [m]; up to 1 for an antenna on a cab roof. Paper, section
+    V-A."""
     antenna_left_m: AntennaPlace = 0.0
-    """Lateral offset of the GNSS antenna [m], left positive. Paper, section V-A; up to 0.5 on a cab roof."""
+    """Lateral offset of the GNSS antenna [m], positive to the left; up to 0.5 on a cab roof. Paper, section V-A."""
     hitch_behind_m: Annotated[float, Field(ge=0, le=10)] = 0.55
-    """Distance of the hitch behind the rear axle [m]. Assumed value (0.45-0.7)."""
+    """Distance of the hitch behind the rear axle [m]. Assumed value (range 0.45-0.7)."""
     hitch_height_m: Annotated[float, Field(ge=0, le=5)] = 0.35
-    """Height of the hitch above level ground [m]. Assumed value (0.3-0.45)."""
+    """Height of the hitch above level ground [m]. Assumed value (range 0.3-0.45)."""
     body: Body | None = None
-    """Appearance in images, and shape that hits the ground after a roll-over. Default: selected by the mass."""
+    """Appearance in images, and shape that touches the ground in a roll-over. Default: selected by the mass."""
     mjcf: Annotated[str, Field(min_length=1, max_length=4000), AfterValidator(printable)] | None = None
-    """MJCF file of a user-defined body, which defines sizes and masses; see docs/bodies.md for the requirements."""
+    """MJCF file of a user-defined body, which defines sizes and masses; docs/bodies.md lists the requirements."""
 
     @model_validator(mode="after")
     def _size_followed(self) -> "TractorParameters":
@@ -146,7 +153,7 @@ class TractorParameters(Spec):
         return self
 
     def _fit_tyre(self, axle: str) -> None:
-        """Set radius and width of an axle's wheels from the tyre size code. Raises ValueError for a wrong code."""
+        """Set radius and width of an axle's wheels from the tyre size code. Raises ValueError for an unusable code."""
         if (code := getattr(self, f"{axle}_tyre")) is None:
             return
         if self.mjcf is not None:
@@ -173,7 +180,7 @@ class TractorParameters(Spec):
 
     @property
     def style(self) -> Body:
-        """Appearance in images: `body` if given, otherwise selected by the mass."""
+        """Appearance in images: `body` if given, or otherwise selected by the mass."""
         light: Body = "open" if self.mass_kg < WITH_ROLL_BAR_KG else "roll_bar"
         return self.body or ("cab" if self.mass_kg >= WITH_CAB_KG else light)
 
@@ -193,7 +200,7 @@ class TractorParameters(Spec):
         return radians(self.steer_limit_deg)
 
     def steering_for(self, curvature: float) -> float:
-        """Return the steering angle for driving the CG along an arc without slip [rad].
+        """Return the steering angle with which the CG follows an arc without slip [rad].
 
         On an arc of `curvature` kappa [1/m] the CG has the sideslip sin(beta) = l_r kappa, and tan(delta) = L / l_r
         tan(beta). The angle is pi/2 for arcs with a radius below l_r.
@@ -203,7 +210,7 @@ class TractorParameters(Spec):
 
     @property
     def tightest_radius(self) -> float:
-        """Radius of the arc of the CG [m] at the steering limit, without slip."""
+        """Radius of the CG's arc [m] at the steering limit, without slip."""
         return hypot(self.wheelbase_m / tan(self.steer_limit), self.cg_to_rear_axle)
 
     @property
@@ -251,12 +258,12 @@ class TractorParameters(Spec):
 
     @property
     def antenna(self) -> tuple[float, float, float]:
-        """Position of the GNSS antenna relative to the ground below the rear axle (ahead, left, up) [m]."""
+        """Position (ahead, left, up) of the GNSS antenna relative to the ground below the rear axle [m]."""
         return self.antenna_ahead_m, self.antenna_left_m, self.antenna_height_m
 
     @property
     def wheels(self) -> tuple[AxleWheel, AxleWheel]:
-        """Properties of the front wheels and of the rear wheels."""
+        """Properties of a front wheel and of a rear wheel."""
         return self.front_wheel, self.rear_wheel
 
 

@@ -2,11 +2,11 @@
 
 Three types of codes are supported: metric (`520/85R42`, `IF 650/65R42`, `600/50-22.5`: section width [mm], section
 height / section width [%], rim [in]), inch (`18.4R38`, `6-12`, `11L-15`, `15.5/80-24`: section width and rim [in])
-and flotation (`66x43.00R25`: diameter, section width and rim [in]). `R` denotes a radial carcass; other signs denote
-a bias carcass.
+and flotation (`66x43.00R25`: diameter, section width and rim [in]). `R` denotes a radial carcass; other letters and
+`-` denote a bias carcass.
 
-The vertical stiffness follows [Rhyne2005] for belted radial tyres, with inflation pressure p [kPa], section width b,
-rim diameter d_r, diameter d [mm] and section height / section width a [%]:
+The vertical stiffness follows [Rhyne2005] for belted radial tyres, with inflation pressure p [kPa], section width b
+[mm], diameter d [mm] and section height / section width a [%]:
 
 k = 0.00028 p sqrt((1.03 - 0.004 a) b d) + 3.45 [kgf/mm]
 
@@ -25,25 +25,25 @@ KGF_MM = 9806.65  # Stiffness of 1 kgf/mm [N/m]
 INCH_ASPECT, LOW_ASPECT = 0.85, 0.70
 """Assumed aspect ratio (section height divided by section width) [-] for inch codes without a ratio.
 
-The lower value applies to codes with `L` or with a rim in half inches, for which tyres from 11L-15 to 28L-26 have
+The lower value applies to codes with `L` or with a rim in half inches, because tyres from 11L-15 to 28L-26 have
 0.67-0.72. For the other codes, tyres from 9.5-24 to 20.8-38 have 0.82-0.91.
 """
 USUAL_DEFLECTION = 0.20
-"""Deflection divided by section height [-] at the default pressure. Assumed value: 0.17-0.28 from published loaded
-radii."""
+"""Tyre deflection divided by section height [-] at the default pressure. Assumed value (range 0.17-0.28 from published
+loaded radii)."""
 LEAST_BAR, MOST_BAR = 0.6, 2.4
-"""Limits of the default inflation pressure [bar], which is computed from the load. Assumed values: range of the
-pressure tables of field tyres. At the lower limit, tyres of light machines deflect less than `USUAL_DEFLECTION`."""
+"""Limits of the default inflation pressure [bar], which is computed from the load. Assumed values, from the pressure
+tables of field tyres. At the lower limit, tyres of light machines deflect less than `USUAL_DEFLECTION`."""
 NOMINAL_ASPECT, NOMINAL_RIM = 0.75, 0.4
 """Aspect ratio (section height divided by section width), and minimum ratio of rim diameter to tyre diameter, of a tyre
-without a size code [-]. Assumed values: 0.7-0.9 and 0.4-0.65."""
+without a size code [-]. Assumed values (ranges 0.7-0.9 and 0.4-0.65)."""
 RANGES = {
     "section width": (0.08, 1.3, "m"),
     "section height / section width": (0.25, 1.1, ""),
     "rim diameter": (0.1, 1.6, "m"),
     "diameter": (0.2, 3.0, "m"),
 }
-"""Minimum, maximum and unit of each dimension in a size code. Assumed values: garden tractors to harvesters."""
+"""Minimum, maximum and unit of each dimension in a size code. Assumed values, from garden tractors to harvesters."""
 
 _NUMBER = r"(\d{1,4}(?:\.\d{1,2})?)"
 _FAMILIES = {
@@ -74,7 +74,7 @@ class TyreSize(NamedTuple):
         return KGF_MM * (0.00028 * 100.0 * pressure_bar * 1e3 * self._shape + 3.45)
 
     def pressure(self, load: float) -> float:
-        """Return the pressure [bar] for `USUAL_DEFLECTION` under a load [N], within `LEAST_BAR` and `MOST_BAR`."""
+        """Return the pressure [bar] for `USUAL_DEFLECTION` under a load [N], limited to `LEAST_BAR` and `MOST_BAR`."""
         k = load / (USUAL_DEFLECTION * self.section_height)
         bar = (k / KGF_MM - 3.45) / (0.00028 * 100.0 * 1e3 * self._shape)
         return min(max(bar, LEAST_BAR), MOST_BAR)
@@ -86,7 +86,7 @@ class TyreSize(NamedTuple):
 
 
 def nominal_size(radius: float, width: float) -> TyreSize:
-    """Return a bias tyre with the given free radius [m] and section width [m]."""
+    """Return the size of a bias tyre with the given free radius [m] and section width [m]."""
     return TyreSize(width, 2 * radius, 2 * max(radius - NOMINAL_ASPECT * width, NOMINAL_RIM * radius), False)
 
 

@@ -1,4 +1,4 @@
-"""Ground under the tractor, with one module per kind of terrain. Each kind creates a height grid."""
+"""Terrains, with one module per kind. A terrain creates the height grid of the ground under the tractor."""
 
 from typing import Annotated
 

@@ -23,7 +23,7 @@ class Sized(Spec):
     half_size_m: Positive | None = 500.0
     """Distance from the origin to each edge of a square field [m]."""
     size_m: tuple[Side, Side] | None = None
-    """Size of a rectangular field centred at the origin, east by north [m]. It replaces `half_size_m`."""
+    """Size of a rectangular field centred at the origin, (east, north) [m], in place of `half_size_m`."""
 
     @model_validator(mode="after")
     def _has_one_size(self) -> Self:
@@ -48,7 +48,7 @@ class Sized(Spec):
 
 
 def cells_of(half_sizes: tuple[float, float], largest: float) -> tuple[int, int]:
-    """Return the numbers of cells to the east and north, for square cells of at most `largest` [m]."""
+    """Return the numbers of cells to the east and north, for square cells with sides of at most `largest` [m]."""
     longer, shorter = max(half_sizes), min(half_sizes)
     most = max(1, ceil(2 * longer / largest - 1e-9))
     fewest = max(1, ceil(most * shorter / longer - 1e-9))
@@ -65,7 +65,7 @@ class Landscape(Spec):
 
     kind: str
     patch: Annotated[tuple[GroundPatch, ...], Field(max_length=1000)] = ()
-    """Patches of ground with other properties. Where patches overlap, the last patch in the list applies."""
+    """Ground patches with other properties. Where patches overlap, the last patch in the list applies."""
     surface: SurfaceName | None = None
     """Named surface outside the patches: friction, cone index, rolling resistance. Default: values of `plant.tyre`."""
     variation: Variation = Variation()
@@ -76,7 +76,7 @@ class Landscape(Spec):
         raise NotImplementedError
 
     def stamp(self) -> tuple[object, ...]:
-        """Return a cache key, which changes when a file with heights or patches changes."""
+        """Return a cache key, which changes if a height file or the image file of a patch changes."""
         return tuple(file_stamp(part.file) for part in (self, *self.patch) if hasattr(part, "file"))
 
     def ground(self) -> Ground:
@@ -93,7 +93,7 @@ class Tilted(Landscape):
     grade_deg: Grade = 0.0
     """Inclination of the plane [deg]."""
     direction_deg: float = 90.0
-    """Direction of steepest ascent [deg], from east, counter-clockwise."""
+    """Direction of steepest ascent [deg], counter-clockwise from east."""
 
     @property
     def gradient(self) -> tuple[float, float]:
@@ -102,7 +102,7 @@ class Tilted(Landscape):
         return grade * cos(direction), grade * sin(direction)
 
     def tilted(self, ground: Ground) -> Ground:
-        """Return the height grid `ground` after adding the heights of the tilted plane."""
+        """Return the height grid `ground` with the heights of the tilted plane added."""
         rows, columns = ground.heights.shape
         x = ground.x0 + ground.spacing * np.arange(columns)
         y = ground.y0 + ground.spacing * np.arange(rows)

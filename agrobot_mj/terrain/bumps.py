@@ -1,11 +1,10 @@
 """Smooth obstacles: a row of bumps under a wheel track, or bumps scattered over the field.
 
-The shape of a bump is smooth. With the distances a along and b across its heading, a bump of length l and width w has
-the height
+At the distances a along and b across its heading from its centre, a bump of length l and width w has the height
 
     h = height cos^2(pi a / l) cos^2(pi b / w),     |a| < l / 2, |b| < w / 2.
 
-Where bumps overlap, the height is the maximum of their heights, or the minimum for pits.
+Where bumps overlap, the height is the maximum of their heights, or the minimum in the case of pits.
 """
 
 from math import ceil, cos, pi, radians, sin
@@ -29,11 +28,12 @@ class Bumps(Generated):
 
     kind: Literal["bumps"] = "bumps"
     height_m: Annotated[float, Field(ge=-2, le=2)] = 0.1
-    """Height of a bump; negative for a pit [m]. Assumed value (0.05-0.2 for clods and stones; pits down to -0.3)."""
+    """Height of a bump [m], negative for a pit. Assumed value (range 0.05-0.2 for clods and stones; pits down to
+    -0.3)."""
     length_m: Positive = 1.0
-    """Length of a bump along its heading [m]. Assumed value (0.5-2)."""
+    """Length of a bump along its heading [m]. Assumed value (range 0.5-2)."""
     width_m: Positive = 0.8
-    """Width of a bump across its heading [m]. Assumed value (0.4-4), wider than a tyre."""
+    """Width of a bump across its heading [m]. Assumed value (range 0.4-4): wider than a tyre."""
     count: Annotated[int, Field(ge=1, le=10_000)] = 10
     """Number of bumps [-]."""
     layout: Literal["row", "scattered"] = "row"
@@ -43,16 +43,17 @@ class Bumps(Generated):
     y_m: float = -0.5
     """North coordinate of the centre of the first bump in a row [m]. Default: right wheel track of an eastward path."""
     heading_deg: float = 0.0
-    """Heading of the row and of its bumps, from east, counter-clockwise [deg]."""
+    """Direction of the row and of the length of each bump in the row [deg], counter-clockwise from east."""
     spacing_m: Positive = 3.0
-    """Distance between bump centres in a row [m]. Assumed value (2-10). With 1.4, both axles rise at the same time."""
+    """Distance between the centres of bumps in a row [m]; with 1.4, both axles rise at the same time. Assumed value
+    (range 2-10)."""
     stagger_m: float = 0.0
-    """Lateral offset of every second bump in a row, left positive [m], for bumps under alternating wheel tracks."""
+    """Lateral offset of every second bump in a row [m], positive to the left, for alternating wheel tracks."""
     seed: Annotated[int, Field(ge=0)] = 1
     """Seed of the positions and headings of scattered bumps."""
 
     def finest(self) -> float:
-        """Return the maximum node spacing for at least five nodes along and across each bump [m]."""
+        """Return the maximum node spacing that gives at least five nodes along and across each bump [m]."""
         return min(self.length_m, self.width_m) / 4
 
     def bare(self, x: Array, y: Array) -> Array:
@@ -91,7 +92,7 @@ class Bumps(Generated):
 
 
 def _raise(heights: Array, nodes: tuple[Array, Array], bump: Bump, size: tuple[float, float]) -> None:
-    """Overlay `heights` with a bump of unit height; `size` is its length and width [m].
+    """Raise `heights` to at least a bump of unit height; `size` is the length and width of the bump [m].
 
     `nodes` contains the coordinates of columns and rows [m].
     """

@@ -34,11 +34,11 @@ class Sheet(NamedTuple):
     cell: float | None = None  # Distance between nodes [m], or None if the file does not state it
     white: float = 1.0  # Value of white pixels in an image
     corner: tuple[float, float] | None = None
-    """Easting and northing of the south-west node on a map [m], or None if the file contains no position."""
+    """Easting and northing of the south-west node on a map [m], or None if the file defines no position."""
 
 
 def read_grid(file: str) -> Sheet:
-    """Return the grid in a `.npy`, `.png`, `.asc` or `.tif` file: finite values, at least 2 x 2.
+    """Return the finite values, at least 2 x 2, of a `.npy`, `.png`, `.asc` or `.tif` file.
 
     Raises ValueError for an unusable file or value.
     """
@@ -133,7 +133,7 @@ def _read_asc(path: Path) -> Sheet:
 
 
 def _corner_of(head: dict[str, float], cell: float) -> tuple[float, float] | None:
-    """Return the map coordinates of the south-west node, the centre of its cell [m], or None if the header has none."""
+    """Return easting and northing of the south-west node, a cell centre [m], or None if the header has no position."""
     west, south = (head.get(f"{axis}llcenter", head.get(f"{axis}llcorner", np.nan) + cell / 2) for axis in ("x", "y"))
     return (west, south) if np.isfinite([west, south]).all() else None
 

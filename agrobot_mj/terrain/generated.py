@@ -21,7 +21,7 @@ Node = Annotated[float, Field(ge=0.01, le=HUGE)]
 class Generated(Sized, Tilted):
     """Base class of terrains computed from a formula.
 
-    Subclasses override `bare`, and `finest` if details need a fine grid.
+    Subclasses override `bare`, and also `finest` if their details need a fine grid.
     """
 
     VERTICAL: ClassVar[str] = "grade_deg"
@@ -29,7 +29,8 @@ class Generated(Sized, Tilted):
 
     half_size_m: Positive | None = 75.0
     node_m: Node = 0.1
-    """Maximum distance between neighbouring nodes [m]. Assumed value (0.05-0.25), shorter than a contact patch."""
+    """Maximum distance between neighbouring nodes [m]. Assumed value (range 0.05-0.25): shorter than a contact
+    patch."""
     run_in_m: NonNegative = 0.0
     """Radius of a level area around the origin [m], with a transition up to twice this radius."""
 
@@ -45,7 +46,7 @@ class Generated(Sized, Tilted):
         return HUGE
 
     def relief(self) -> Ground:
-        """Return the height grid. Raises ValueError naming the key."""
+        """Return the height grid. Raises ValueError naming the key of an invalid value."""
         columns, rows = self._cells()
         half_x, half_y = self.half_sizes
         spacing = 2 * half_x / columns if half_x >= half_y else 2 * half_y / rows
@@ -59,7 +60,7 @@ class Generated(Sized, Tilted):
         return self.tilted(ground)
 
     def _cells(self) -> tuple[int, int]:
-        """Return the numbers of cells to the east and north. Raises ValueError for too coarse or too many cells."""
+        """Return the numbers of cells to the east and north. Raises ValueError if they are too large or too many."""
         if self.node_m > self.finest():
             raise ValueError(
                 f"node_m: {self.node_m:g} m is too coarse for this relief; set a value of at most {self.finest():.3g}"

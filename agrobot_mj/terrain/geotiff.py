@@ -16,10 +16,10 @@ from agrobot_mj.core.signals import Array
 PIXEL_SCALE, TIE_POINT, TRANSFORMATION, GEO_KEYS, NODATA = 33550, 33922, 34264, 34735, 42113
 """Numbers of the TIFF tags that GeoTIFF files use."""
 MODEL_TYPE, RASTER_TYPE, GEOGRAPHIC, IS_POINT = 1024, 1025, 2, 2
-"""GeoKeys of coordinate system and raster type, and their values for degrees and for values at points."""
+"""GeoKeys of the coordinate system and of the raster type, and their values for degrees and for values at points."""
 IN_DEGREES = (1, 1, 0, 3, MODEL_TYPE, 0, 1, GEOGRAPHIC, RASTER_TYPE, 0, 1, 1, 2048, 0, 1, 4326)
 IN_METRES = (1, 1, 0, 2, MODEL_TYPE, 0, 1, 32767, RASTER_TYPE, 0, 1, 1)
-"""GeoKey directories of written files: cells in degrees of WGS 84, and cells in metres without a map position."""
+"""GeoKey directories of written files: `IN_DEGREES` for WGS 84, `IN_METRES` for a grid without a map position."""
 HEIGHT_MODES = ("F", "I", "L", "I;16", "I;16B", "I;16S")  # Pillow image modes with one number per cell
 
 
@@ -38,7 +38,7 @@ def open_tiff(path: Path) -> Any:
 
 
 def cell_and_corner(path: Path, image: Any) -> tuple[float, tuple[float, float]]:
-    """Return the cell size, and easting and northing of the south-west node [m]. Raises ValueError."""
+    """Return cell size and (easting, northing) of the south-west node [m]. Raises ValueError for unsupported grids."""
     tags = image.tag_v2
     keys = _geo_keys(tags)
     if keys.get(MODEL_TYPE) == GEOGRAPHIC:
@@ -80,7 +80,7 @@ def _nodata(path: Path, tags: Any) -> float:
 def write_tiff(
     path: Path, cells: Any, step: tuple[float, float], corner: tuple[float, float], degrees: bool, no_data: int
 ) -> None:
-    """Write an array of bytes, shape (rows, columns), row 0 north, to a GeoTIFF file.
+    """Write an array of bytes with shape (rows, columns), whose row 0 is north, to a GeoTIFF file.
 
     `step` is the size of a cell and `corner` the north-west corner of the first cell, both as (east, north), in degrees
     if `degrees`, otherwise in metres. Cells without data have the value `no_data`.

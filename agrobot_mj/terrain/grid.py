@@ -18,7 +18,8 @@ from agrobot_mj.terrain.memory import FORGETS, SoilMemory
 
 MOST_NODES = 4_200_000  # Maximum number of nodes of a height grid: 34 MB, or a square of 200 m with a node every 0.1 m
 MOST_STEPS = 1000
-"""Maximum number of cells along the longer side of a rectangular plane; the shorter side is then within 0.1 %."""
+"""Maximum number of cells along the longer side of a rectangular plane. The shorter side is rounded to whole cells, by
+at most 0.1 %."""
 
 
 class Surface(NamedTuple):
@@ -30,9 +31,9 @@ class Surface(NamedTuple):
     friction: Array  # Factor on the tyre friction [-], shape (rows, columns)
     cone_index: Array  # Cone index of the soil, same shape; 0 selects the value of the tyre law [Pa]
     rolling: Array = np.empty((0, 0))
-    """Rolling resistance divided by load on firm ground [-], same shape or empty; 0 selects the value of the tyre."""
+    """Rolling resistance divided by load on firm ground [-], shape of `friction` or empty; 0 for the tyre-law value."""
     elsewhere: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    """Friction factor [-], cone index [Pa] and rolling resistance [-] outside the grid."""
+    """Friction factor [-], cone index [Pa] and rolling resistance [-] outside the property grid."""
 
 
 NOTHING_SPECIAL = Surface(0.0, 0.0, 1.0, np.empty((0, 0)), np.empty((0, 0)))
@@ -40,7 +41,7 @@ NOTHING_SPECIAL = Surface(0.0, 0.0, 1.0, np.empty((0, 0)), np.empty((0, 0)))
 
 
 class Ground(NamedTuple):
-    """Height grid with ground properties."""
+    """Height grid with the ground properties."""
 
     x0: float  # East coordinate of column 0 [m]
     y0: float  # North coordinate of row 0 [m]
@@ -52,12 +53,12 @@ class Ground(NamedTuple):
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """Limits (x_min, x_max, y_min, y_max) of the grid [m]."""
+        """Limits (x_min, x_max, y_min, y_max) of the height grid [m]."""
         rows, columns = self.heights.shape
         return (self.x0, self.x0 + (columns - 1) * self.spacing, self.y0, self.y0 + (rows - 1) * self.spacing)
 
     def covers(self, x: float, y: float) -> bool:
-        """Return whether the point (x, y) [m] is on the grid."""
+        """Return whether the point (x, y) [m] is on the height grid."""
         x_min, x_max, y_min, y_max = self.extent
         return x_min <= x <= x_max and y_min <= y <= y_max
 
@@ -68,14 +69,14 @@ class Ground(NamedTuple):
 
     @property
     def is_plane(self) -> bool:
-        """Whether all nodes lie in one plane."""
+        """Whether all nodes of the height grid lie in one plane."""
         h = self.heights
         return self.planar or (h.shape == (2, 2) and abs(h[0, 0] + h[1, 1] - h[0, 1] - h[1, 0]) < 1e-9)
 
 
 @kernel
 def height_and_gradient(ground: Ground, x: float, y: float) -> tuple[float, float, float]:
-    """Return the height [m] and the slopes dh/dx and dh/dy [-] at (x, y) [m]."""
+    """Return the height of the ground [m] and its slopes dh/dx and dh/dy [-] at (x, y) [m]."""
     rows, columns = ground.heights.shape
     if x != x or y != y:  # compiled code would convert NaN to the index -2^63, without a bounds check
         return nan, nan, nan

@@ -1,8 +1,8 @@
-"""Soil memory: a grid of plastic sinkage, finer than the height grid and stored in tiles.
+"""Soil memory: a grid of plastic sinkage, finer than the height grid and stored in square tiles.
 
-The store has a fixed number of tiles. A tile is allocated when a wheel first deforms its soil, so that the memory usage
-grows with the area driven on, not with the distance or the number of passes. When all tiles are allocated, no new ruts
-are recorded.
+The memory has a fixed number of tiles. A tile is allocated when a wheel first deforms its soil, so that the memory
+usage grows with the area driven on, not with the distance or the number of passes. When all tiles are allocated, no new
+ruts are recorded.
 """
 
 from math import ceil
@@ -37,7 +37,7 @@ class SoilMemory(NamedTuple):
 FORGETS = SoilMemory(
     0.0, 0.0, 1.0, np.empty((0, 0), np.int32), np.empty((0, TILE, TILE, VALUES), np.float64), np.zeros(1, np.int64)
 )
-"""Soil memory of firm ground: it has no tiles and records no ruts."""
+"""Soil memory of firm ground, which has no tiles and records no ruts."""
 
 
 class SavedSoil(NamedTuple):
@@ -59,7 +59,7 @@ class RutMap(NamedTuple):
 def untouched_soil(extent: tuple[float, float, float, float], cell: float) -> SoilMemory:
     """Return a soil memory without ruts for a field (x_min, x_max, y_min, y_max) [m].
 
-    Raises ValueError if `cell` [m] is too small.
+    Raises ValueError if the cell size `cell` [m] is too small for the size of the field.
     """
     x_min, x_max, y_min, y_max = extent
     columns, rows = (max(1, ceil(side / (TILE * cell))) for side in (x_max - x_min, y_max - y_min))
@@ -79,7 +79,7 @@ def untouched_soil(extent: tuple[float, float, float, float], cell: float) -> So
 
 @kernel
 def tile_of(memory: SoilMemory, row: int, column: int) -> int:
-    """Return the index of the tile at a row and column, allocating it if needed, or -1 if all tiles are in use."""
+    """Return the index of a tile in the soil memory, allocating the tile if needed, or -1 if all tiles are in use."""
     number = memory.tiles[row, column]
     if number < 0 and memory.used[0] < memory.cells.shape[0]:
         number = memory.used[0]
@@ -107,7 +107,7 @@ def saved(memory: SoilMemory) -> SavedSoil:
 
 
 def restore(memory: SoilMemory, state: SavedSoil) -> None:
-    """Replace the contents of the soil memory by a saved copy."""
+    """Replace the contents of the soil memory with a saved copy."""
     forget(memory)
     count = len(state.places)
     memory.tiles[tuple(state.places.T)] = np.arange(count, dtype=np.int32)

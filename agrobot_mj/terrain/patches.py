@@ -1,4 +1,4 @@
-"""Conversion of ground patches with separate friction and soil to one grid of ground properties."""
+"""Conversion of ground patches with their friction and soil to one grid of ground properties."""
 
 from math import ceil, inf
 from typing import Annotated, NamedTuple
@@ -13,7 +13,7 @@ from agrobot_mj.terrain.variation import Variation
 
 MOST_CELLS = 4_000_000  # Maximum number of cells in the grid of properties: 64 MB
 MOST_TESTS = 2e8
-"""Maximum number of point-in-patch tests [-], summed over all patches; the tests take several seconds."""
+"""Maximum number of point-in-patch tests [-], summed over all patches. This number of tests takes several seconds."""
 
 GroundPatch = Annotated[RectanglePatch | CirclePatch | PolygonPatch | PicturePatch, Field(discriminator="kind")]
 
@@ -22,12 +22,12 @@ class Base(NamedTuple):
     """Ground properties outside the patches."""
 
     properties: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    """Friction factor [-], cone index [Pa] and rolling resistance [-]; 0 selects the value of the tyre law."""
+    """Friction factor [-], cone index [Pa] and rolling resistance [-]; 0 in the last two selects the tyre-law value."""
     variation: Variation | None = None  # Random variation about these properties, or None for uniform ground
 
 
 def surface(patches: tuple[Special, ...], extent: Bounds, base: Base) -> Surface:
-    """Return the property grid of patches and of the surrounding ground `base`. Raises ValueError naming the key."""
+    """Return the property grid of patches on the ground `base`. Raises ValueError naming the key of a wrong value."""
     boxes = [_inside(k, patch, extent) for k, patch in enumerate(patches)]
     covered_boxes = boxes if base.variation is None else [extent]
     low_x, low_y = min(box[0] for box in covered_boxes), min(box[2] for box in covered_boxes)

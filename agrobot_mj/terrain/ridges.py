@@ -1,13 +1,13 @@
 """Furrows: parallel ridges of constant depth and spacing.
 
-With the distance d from a crest divided by the spacing (0.5 at a trough), the height across the furrows is
+The height h across the furrows depends on the distance d from a crest, in units of the spacing (0.5 at a trough):
 
     sine:  h = (depth / 2) cos(2 pi d)
     flat:  h = +- depth / 2 on level crests and troughs, joined by flanks of half a cosine.
 
 A wheel touches the ground at one point of its circumference (`tyres/envelope.py`): like a rigid circle it bridges
-narrow furrows and rolls down into wide ones. On bumps shorter than the contact patch the impacts are too hard, because
-a real carcass would envelop these bumps.
+narrow furrows and rolls down into wide ones. Impacts on bumps shorter than the contact patch are too harsh, because a
+real carcass would envelop these bumps.
 """
 
 from math import cos, radians, sin
@@ -32,11 +32,11 @@ class Ridges(Generated):
     node_m: Node = 0.0625
     """Maximum distance between neighbouring nodes [m]. Default: twelve nodes per furrow, for a depth within 3 %."""
     depth_m: Positive = 0.1
-    """Depth from crest to trough [m]. Assumed value (0.05-0.25) for ploughed and settled ground."""
+    """Depth from crest to trough [m]. Assumed value (range 0.05-0.25) for ploughed and settled ground."""
     spacing_m: Positive = 0.75
-    """Distance from crest to crest [m]. Assumed value (0.5-0.9) for row crops."""
+    """Distance from crest to crest [m]. Assumed value (range 0.5-0.9) for row crops."""
     furrow_direction_deg: float = 90.0
-    """Direction along the furrows [deg], from east, counter-clockwise. With 90, a path to the east crosses the
+    """Direction along the furrows [deg], counter-clockwise from east. With 90, a path to the east crosses the
     furrows."""
     offset_m: float = 0.0
     """Distance of a crest from the origin [m], positive to the right of the furrow direction."""
@@ -44,7 +44,7 @@ class Ridges(Generated):
     """Cross-section of the furrows: `sine`, or `flat` with level crests and troughs, as in beds."""
 
     def finest(self) -> float:
-        """Return the maximum node spacing for at least eight nodes per furrow [m]."""
+        """Return the maximum node spacing that gives at least eight nodes per furrow [m]."""
         return self.spacing_m / 8
 
     def bare(self, x: Array, y: Array) -> Array:

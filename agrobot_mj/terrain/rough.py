@@ -42,12 +42,12 @@ class Rough(Generated):
 
     kind: Literal["rough"] = "rough"
     iso_class: Literal["A", "B", "C", "D", "E"] = "C"
-    """ISO 8608 class: A very good road, C gravel road or farm track, D and E fields and poor tracks."""
+    """ISO 8608 class: A is a very good road, C a gravel road or farm track; D and E are fields and poor tracks."""
     seed: Annotated[int, Field(ge=0)] = 1
     """Seed of the random roughness, independent of the seed of the run."""
 
     def bare(self, x: Array, y: Array) -> Array:
-        """Return the heights relative to the middle node of the grid [m]."""
+        """Return the heights relative to the middle node of the height grid [m]."""
         from scipy.fft import fftfreq, irfft2, rfft2, rfftfreq  # imported here: the import takes 0.05 s
 
         columns, rows = x.size - 1, y.size - 1
@@ -64,7 +64,7 @@ class Rough(Generated):
 
 
 def plane_spectrum(k: Array, roughness: float, end: float) -> Array:
-    """Return the two-dimensional spectrum S [m4] at the wave numbers `k` [cycle/m], for a roughness G_d(n_0) [m3].
+    """Return the two-dimensional spectrum S [m4] at the wave numbers `k` [cycle/m] for the roughness G_d(n_0) [m3].
 
     S is 0 at k = 0 and above `end` [cycle/m].
     """

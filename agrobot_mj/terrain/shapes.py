@@ -22,13 +22,13 @@ class Special(Spec):
 
     kind: str
     surface: SurfaceName | None = None
-    """Named surface, which gives the defaults of friction, cone index and rolling resistance. Default: none."""
+    """Named surface of the patch, with defaults of friction, cone index and rolling resistance. Default: none."""
     friction: Scale = 1.0
-    """Factor on the tyre friction [-]. Assumed value relative to dry ground: 0.6 for wet grass, 0.3 for mud."""
+    """Factor on the tyre friction [-]. Assumed value, relative to dry ground: 0.6 for wet grass, 0.3 for mud."""
     cone_index_kpa: ConeIndex | None = None
-    """Cone index of the soil [kPa]. Default: value of `surface`, or of the tyre law if no surface is given."""
+    """Cone index of the soil [kPa]. Default: value of `surface`, else of `terrain.surface`, else of the tyre law."""
     rolling_resistance: Annotated[float, Field(ge=0, le=1)] | None = None
-    """Rolling resistance on firm ground divided by load [-]. Default: value of `surface`, or of the tyre law."""
+    """Rolling resistance on firm ground divided by load [-]. Default: as for `cone_index_kpa`."""
     cell_m: Annotated[float, Field(ge=0.01, le=HUGE)] = 0.25
     """Side length of the grid cells that represent the shape [m]. The minimum of all patches applies to all patches."""
 
@@ -44,7 +44,7 @@ class Special(Spec):
         raise NotImplementedError
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Return whether grid points are on the patch, shape (m, n).
+        """Return whether the grid points are on the patch, as a mask of shape (m, n).
 
         `x` (1, n) and `y` (m, 1) are the coordinates of the points in increasing order [m].
         """
@@ -53,7 +53,7 @@ class Special(Spec):
     def properties(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Return friction factor [-] and cone index [Pa] at the points (x, y), same shape as `x`.
 
-        Cone index 0 selects the value of the tyre law.
+        A cone index of 0 means that the value of the terrain outside the patches applies.
         """
         return np.full(x.shape, self.friction), np.full(x.shape, 1e3 * (self.cone_index_kpa or 0.0))
 
@@ -63,15 +63,15 @@ class RectanglePatch(Special):
 
     kind: Literal["rectangle"] = "rectangle"
     x_m: float = 0.0
-    """East coordinate of the centre [m]."""
+    """East coordinate of the centre of the rectangle [m]."""
     y_m: float = 0.0
-    """North coordinate of the centre [m]."""
+    """North coordinate of the centre of the rectangle [m]."""
     length_m: Positive = 10.0
-    """Length along the heading [m]."""
+    """Length of the rectangle along its heading [m]."""
     width_m: Positive = 10.0
-    """Width across the heading [m]."""
+    """Width of the rectangle across its heading [m]."""
     heading_deg: float = 0.0
-    """Direction of the side `length_m` [deg], from east, counter-clockwise."""
+    """Direction of the side `length_m` [deg], counter-clockwise from east."""
 
     def bounds(self) -> Bounds:
         """Return the bounding box (x_min, x_max, y_min, y_max) of the rectangle [m]."""
@@ -81,7 +81,7 @@ class RectanglePatch(Special):
         return self.x_m - a, self.x_m + a, self.y_m - b, self.y_m + b
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Return whether points are on the rectangle."""
+        """Return whether the grid points are on the rectangle."""
         c, s = cos(radians(self.heading_deg)), sin(radians(self.heading_deg))
         along, across = c * (x - self.x_m) + s * (y - self.y_m), c * (y - self.y_m) - s * (x - self.x_m)
         return (2 * np.abs(along) <= self.length_m) & (2 * np.abs(across) <= self.width_m)
@@ -92,9 +92,9 @@ class CirclePatch(Special):
 
     kind: Literal["circle"] = "circle"
     x_m: float = 0.0
-    """East coordinate of the centre [m]."""
+    """East coordinate of the centre of the circle [m]."""
     y_m: float = 0.0
-    """North coordinate of the centre [m]."""
+    """North coordinate of the centre of the circle [m]."""
     radius_m: Positive = 5.0
     """Radius of the circle [m]."""
 
@@ -104,7 +104,7 @@ class CirclePatch(Special):
         return self.x_m - r, self.x_m + r, self.y_m - r, self.y_m + r
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Return whether points are on the circle."""
+        """Return whether the grid points are on the circle."""
         return np.hypot(x - self.x_m, y - self.y_m) <= self.radius_m
 
 
@@ -129,7 +129,7 @@ class PolygonPatch(Special):
         return min(x), max(x), min(y), max(y)
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Return whether points are in the polygon: a ray to the east crosses an odd number of edges."""
+        """Return whether the grid points are in the polygon: a ray to the east crosses an odd number of edges."""
         x, y = x[0], y[:, 0]
         crossed = np.zeros((len(y), len(x) + 1), dtype=np.bool_)
         for (x0, y0), (x1, y1) in zip(self.points, (*self.points[1:], self.points[0]), strict=True):
@@ -142,15 +142,15 @@ class PolygonPatch(Special):
 
 
 class PicturePatch(Special):
-    """Grey image as a map of ground properties, north up. Black pixels have `friction` and `cone_index_kpa`."""
+    """Grey image as a map of ground properties, north at the top. Black stands for `friction` and `cone_index_kpa`."""
 
     kind: Literal["image"] = "image"
     file: Annotated[str, Field(min_length=1)]
     """Grey .png file of 8 or 16 bits: path relative to the scenario's folder, or name of a shipped file."""
     x_m: float = 0.0
-    """East coordinate of the centre [m]."""
+    """East coordinate of the centre of the image [m]."""
     y_m: float = 0.0
-    """North coordinate of the centre [m]."""
+    """North coordinate of the centre of the image [m]."""
     width_m: Positive = 100.0
     """Width of the image on the ground, west to east [m]; the height follows from the proportions of the image."""
     friction_white: Scale | None = None
@@ -170,18 +170,18 @@ class PicturePatch(Special):
         return self
 
     def bounds(self) -> Bounds:
-        """Return the bounding box (x_min, x_max, y_min, y_max) of the image [m]. Raises ValueError naming the key."""
+        """Return the bounding box (x_min, x_max, y_min, y_max) of the image [m]. Raises ValueError if unreadable."""
         rows, columns = read_picture(self.file).shape
         a, b = self.width_m / 2, self.width_m / 2 * rows / columns
         return self.x_m - a, self.x_m + a, self.y_m - b, self.y_m + b
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Return whether points are on the image."""
+        """Return whether the grid points are on the image."""
         x_min, x_max, y_min, y_max = self.bounds()
         return (x_min <= x) & (x < x_max) & (y_min <= y) & (y < y_max)
 
     def properties(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return friction factor [-] and cone index [Pa] of the pixel at each point."""
+        """Return friction factor [-] and cone index [Pa] of the image pixel at each point."""
         brightness = read_picture(self.file)
         x_min, _, y_min, _ = self.bounds()
         rows, columns = brightness.shape

@@ -1,8 +1,8 @@
 """Random variation of soil strength, friction and moisture over a field, and named surfaces.
 
-Each field is a stationary Gaussian process with the autocorrelation exp(-distance / correlation length), generated on a
-grid by circulant embedding, which reproduces the variance and correlation of the process exactly. Strength and friction
-are log-normal with the requested mean and coefficient of variation; moisture is normal and affects both.
+Each quantity is a stationary Gaussian process with the autocorrelation exp(-distance / correlation length), generated
+on a grid by circulant embedding, which reproduces variance and correlation of the process exactly. Strength and
+friction are log-normal with the requested mean and coefficient of variation; moisture is normal and affects both.
 """
 
 from math import ceil, log1p, sqrt
@@ -42,7 +42,7 @@ maximum accepted cone index), and all frictions (concrete 1-1.2, tilled 0.8-1, s
 LEAST_FRICTION, MOST_FRICTION = 0.05, 3.0  # Minimum and maximum of the random friction factor [-]. Assumed values.
 CELLS_PER_LENGTH = 4  # Default number of cells per correlation length [-]
 EDGE_LENGTHS = 6
-"""Width of the margin of the embedding grid, in correlation lengths [-]; the correlation over this width is 0.25 %."""
+"""Width of the margin of the embedding grid, in correlation lengths [-]. The correlation over this width is 0.25 %."""
 
 
 class Variation(Spec):
@@ -51,17 +51,18 @@ class Variation(Spec):
     cone_index_kpa: ConeIndex | None = None
     """Mean cone index [kPa]. Default: cone index of `terrain.surface`."""
     cone_index_spread: Annotated[float, Field(ge=0, le=2)] = 0.0
-    """Standard deviation of the cone index divided by its mean [-]. Assumed value (0.2-0.5 within a field)."""
+    """Standard deviation of the cone index divided by its mean [-]. Assumed value (range 0.2-0.5 within a field)."""
     friction_spread: Annotated[float, Field(ge=0, le=2)] = 0.0
-    """Standard deviation of the friction divided by its mean [-]. Assumed value (0-0.2)."""
+    """Standard deviation of the friction divided by its mean [-]. Assumed value (range 0-0.2)."""
     moisture_sd_percent: Annotated[float, Field(ge=0, le=20)] = 0.0
-    """Standard deviation of the soil moisture, in percent of the dry mass [%]. Assumed value (1-4 within a field)."""
+    """Standard deviation of the soil moisture, in percent of the dry mass [%]. Assumed value (range 1-4 within a
+    field)."""
     cone_index_per_percent: Fraction = 0.08
-    """Relative decrease of the cone index per percentage point of moisture [-]. Assumed value (0.05-0.15)."""
+    """Relative decrease of the cone index per percentage point of moisture [-]. Assumed value (range 0.05-0.15)."""
     friction_per_percent: Fraction = 0.02
-    """Relative decrease of the friction per percentage point of moisture [-]. Assumed value (0-0.05)."""
+    """Relative decrease of the friction per percentage point of moisture [-]. Assumed value (range 0-0.05)."""
     correlation_m: Annotated[float, Field(ge=0.1, le=1000)] = 5.0
-    """Correlation length: distance at which the correlation is 37 % [m]. Assumed value (2-30)."""
+    """Correlation length: distance at which the correlation is 37 % [m]. Assumed value (range 2-30)."""
     cell_m: Annotated[float, Field(ge=0.05, le=100)] | None = None
     """Side length of the grid cells [m]. Default: a quarter of the correlation length."""
     seed: Annotated[int, Field(ge=0)] = 1
@@ -69,7 +70,7 @@ class Variation(Spec):
 
     @property
     def active(self) -> bool:
-        """Whether any ground property varies randomly."""
+        """Whether at least one ground property varies randomly."""
         return max(self.cone_index_spread, self.friction_spread, self.moisture_sd_percent) > 0.0
 
     @property
@@ -80,7 +81,7 @@ class Variation(Spec):
     def properties(self, shape: tuple[int, int], cell: float, mean_kpa: float | None) -> tuple[Array, Array]:
         """Return friction factor [-] and cone index [Pa] in a grid of square cells with the side length `cell` [m].
 
-        The cone index is 0 without a mean value. Raises ValueError naming the key.
+        The cone index is 0 if no mean value is given. Raises ValueError naming the key of a missing mean value.
         """
         mean = mean_kpa if self.cone_index_kpa is None else self.cone_index_kpa
         if mean is None and self.cone_index_spread > 0.0:
@@ -106,7 +107,7 @@ class Variation(Spec):
 
 
 def gaussian_field(noise: np.random.Generator, shape: tuple[int, int], cell: float) -> Array:
-    """Return a Gaussian field of unit variance with the autocorrelation exp(-distance).
+    """Return a random Gaussian field of unit variance with the autocorrelation exp(-distance).
 
     Distances and the cell size `cell` are divided by the correlation length [-].
     """
@@ -121,7 +122,7 @@ def gaussian_field(noise: np.random.Generator, shape: tuple[int, int], cell: flo
 
 
 def named(surface: SurfaceName | None) -> tuple[float, float, float]:
-    """Return friction factor [-], cone index [Pa] and rolling resistance [-] of a surface; 1, 0 and 0 for None."""
+    """Return friction factor [-], cone index [Pa] and rolling resistance [-] of a surface; (1, 0, 0) for None."""
     if surface is None:
         return 1.0, 0.0, 0.0
     found = NAMED[surface]

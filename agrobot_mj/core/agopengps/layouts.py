@@ -1,7 +1,7 @@
 """Byte layouts of the AgOpenGPS messages, with one codec per message.
 
-In frames, angles are in degrees with right positive, headings in degrees clockwise from north, and speeds in km/h.
-Values outside the range of their field saturate.
+In frames, angles are in degrees and positive to the right, headings in degrees clockwise from north, and speeds in
+km/h. Values outside the range of a field saturate at its limits.
 """
 
 from collections.abc import Callable
@@ -33,7 +33,7 @@ LINE_VALID = 0x10  # Status bit of AgOpenWeb for a valid cross-track error
 
 
 class Codec(NamedTuple):
-    """Codec of a message: sender, minimum length, encoder and decoder."""
+    """Codec of a message: sender, minimum data length, encoder and decoder."""
 
     source: int
     least: int  # Minimum number of data bytes; further bytes are ignored
@@ -42,12 +42,12 @@ class Codec(NamedTuple):
 
 
 def to_wire_angle(angle: float) -> int:
-    """Convert a steering angle [rad], left positive, to an int16 [0.01 deg], right positive."""
+    """Convert a steering angle [rad], positive to the left, to an int16 in 0.01 deg, positive to the right."""
     return int16(-degrees(angle) * 100)
 
 
 def from_wire_angle(value: int) -> float:
-    """Convert an int16 steering angle [0.01 deg], right positive, to [rad], left positive."""
+    """Convert an int16 steering angle in 0.01 deg, positive to the right, to [rad], positive to the left."""
     return -radians(value / 100)
 
 
@@ -57,10 +57,10 @@ def from_compass(heading: float) -> float:
 
 
 def cross_track_of(message: SteerData, dialect: str) -> float:
-    """Return the cross-track error [m] in a message, left positive, or NaN if the host has no guidance line.
+    """Return the cross-track error [m] in a message, positive to the left, or NaN if the host has no guidance line.
 
-    Byte 10 of the frame contains the error, right positive. AgOpenGPS encodes the error in steps of 2 cm relative to
-    127 (up to 2.5 m). AgOpenWeb encodes the error in signed centimetres (up to 1.3 m).
+    Byte 10 of the frame contains the error, positive to the right: in AgOpenGPS in steps of 2 cm relative to 127 (up to
+    2.5 m), in AgOpenWeb in signed centimetres (up to 1.3 m).
     """
     if dialect == "agopenweb":
         value = message.cross_track - 256 if message.cross_track > 127 else message.cross_track
@@ -69,7 +69,7 @@ def cross_track_of(message: SteerData, dialect: str) -> float:
 
 
 def cross_track_byte(distance: float, dialect: str) -> int:
-    """Return the byte of a `SteerData` message that encodes the cross-track error `distance` [m], left positive."""
+    """Return the byte of a `SteerData` message for the cross-track error `distance` [m], positive to the left."""
     if dialect == "agopenweb":
         return limited(-distance * 100, -127, 127) & 0xFF
     return limited(127 - distance * 50, 0, 254)
@@ -147,4 +147,4 @@ CODECS = {
     203: Codec(STEER, 7, lambda m: bytes((*m.address, *m.subnet)), _scan_reply),
 }
 NUMBERS = {SteerData: 254, SteerSettings: 252, SteerConfig: 251, Hello: 200, Scan: 202, SteerState: 253, ScanReply: 203}
-"""Number of each message type. A `HelloReply` has the number of its module."""
+"""Message number of each message type. The number of a `HelloReply` is the number of its module."""

@@ -1,9 +1,9 @@
 """Messages of the AgOpenGPS family in SI units with the signs of this package; `layouts` defines their bytes.
 
-In frames, angles are in degrees with right positive, headings in degrees clockwise from north, speeds in km/h. In these
-classes, angles are in rad with left positive, headings in rad counter-clockwise from east, speeds in m/s. Roll has the
-same sign in both: left side up equals right side down. A value that a board cannot measure is NaN in these classes and
-a reserved number in the frame.
+In frames, angles are in degrees and positive to the right, headings in degrees clockwise from north, speeds in km/h. In
+these classes, angles are in rad and positive to the left, headings in rad counter-clockwise from east, speeds in m/s.
+Roll has the same sign in both: left side up equals right side down. A value that a module on the tractor cannot measure
+is NaN in these classes and a reserved number in the frame.
 """
 
 from math import nan
@@ -14,7 +14,7 @@ NO_LINE = 255  # Cross-track byte of a host without a guidance line
 
 
 class SteerData(NamedTuple):
-    """Message 254: steering command of the host."""
+    """Message 254: steering command from the guidance program (host)."""
 
     speed: float  # Speed estimated by the host [m/s], without sign
     status: int  # Status bits; the bit for "engaged" depends on the host program
@@ -24,7 +24,7 @@ class SteerData(NamedTuple):
 
 
 class SteerSettings(NamedTuple):
-    """Message 252: gains and limits of the steering loop on the board."""
+    """Message 252: gains and limits of the steering loop on the steering module."""
 
     kp: int  # Proportional gain [PWM counts/deg]
     high_pwm: int  # PWM limit at steering errors of 3 deg or more [PWM counts]
@@ -36,19 +36,19 @@ class SteerSettings(NamedTuple):
 
 
 class SteerConfig(NamedTuple):
-    """Message 251: hardware configuration of a board."""
+    """Message 251: hardware configuration of the steering module."""
 
     set0: int
-    """Bit flags: bit 0 inverted angle sensor, 1 relay active high, 2 inverted motor, 5 steer switch, 6 steer button."""
+    """Bit flags: bit 0 inverted angle sensor, 1 active-high relay, 2 inverted motor, 5 steer switch, 6 steer button."""
     pulse_count_max: int = 0  # Encoder counts of the steering wheel that indicate a manual override [counts]
     min_speed: int = 0  # Minimum speed for steering [0.1 km/h]
     set1: int = 0
-    """Bit flags: bit 0 Danfoss valve, 1 pressure sensor, 2 current sensor, 3 y axis of the inertial unit for roll."""
+    """Bit flags: bit 0 Danfoss valve, 1 pressure sensor, 2 current sensor, 3 roll from the inertial unit's y axis."""
     angular_velocity: int = 0  # Field ignored by boards
 
 
 class Hello(NamedTuple):
-    """Message 200: query for modules every 2 s. A bridge continues to send queries after its guidance program stops."""
+    """Message 200: query for modules every 2 s. Bridge programs send it even after their guidance program stops."""
 
 
 class Scan(NamedTuple):
@@ -56,7 +56,7 @@ class Scan(NamedTuple):
 
 
 class SteerState(NamedTuple):
-    """Message 253: measured steering state, sent by the steer module."""
+    """Message 253: measured steering state, sent by the steering module."""
 
     steer: float  # Measured steering angle [rad], left positive
     yaw: float = nan  # Yaw [rad], or NaN if there is no inertial unit
@@ -83,4 +83,4 @@ class ScanReply(NamedTuple):
 
 
 Message = SteerData | SteerSettings | SteerConfig | Hello | Scan | SteerState | HelloReply | ScanReply
-"""Any message between a host and the boards of a tractor."""
+"""Any message between a guidance program and the modules of a tractor."""

@@ -1,12 +1,11 @@
 """Position sentences of the AgOpenGPS family: `$PANDA` (one antenna and an inertial unit) and `$PAOGI` (two antennas).
 
 Both sentences end with speed [kn], heading, roll, pitch and yaw rate. Heading is clockwise from north. Roll is positive
-with the right side down, and pitch with the nose up. PAOGI contains heading, roll and pitch in degrees, and PANDA as
-integers of 0.1 deg.
+with the right side down, and pitch with the nose up. Heading, roll and pitch are in degrees in PAOGI, and integers in
+units of 0.1 deg in PANDA.
 
 Without an inertial unit, the PANDA heading is a reserved number, because hosts interpret an empty or fractional field
-as 0 (north). Roll, pitch and yaw rate are then 0, which hosts assume for empty fields. Another roll would shift the
-antenna position in the host.
+as 0 (north). Roll, pitch and yaw rate are then 0, as hosts assume for empty fields.
 """
 
 from math import degrees, isfinite, isnan, nan, radians
@@ -20,7 +19,7 @@ FIELDS = 16
 
 
 class BoardAttitude(NamedTuple):
-    """Attitude measured by the inertial unit or by two antennas. Values without a sensor are NaN."""
+    """Attitude measured by the inertial unit or by two antennas. Values that are not measured are NaN."""
 
     yaw: float = nan  # Yaw [rad]
     roll: float = nan  # Roll [rad], left side up positive
@@ -38,7 +37,7 @@ def panda(s: Solution, a: BoardAttitude) -> bytes:
 
 
 def paogi(s: Solution, a: BoardAttitude) -> bytes:
-    """Return the PAOGI sentence of a receiver with two antennas; `a.yaw` must not be NaN."""
+    """Return the PAOGI sentence of a receiver with two antennas; the yaw of the attitude `a` must not be NaN."""
     heading = f"{round(to_compass(a.yaw), 2) % 360:.2f}"
     return sentence("PAOGI", *_common(s), heading, _fixed(a.roll, 2), _fixed(-a.pitch, 1), _fixed(-a.yaw_rate, 1))
 

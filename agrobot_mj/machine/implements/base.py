@@ -2,7 +2,7 @@
 
 `ImplementBase.hitched` returns mass, joints, wheels, tool and shapes; the kinds of implements differ only in these
 data. Positions are relative to the tractor's hitch (x ahead, y left, z up) [m], with tractor and implement in line on
-level ground. The tyres of the implement have the law of the tractor's rear tyres, scaled to their size.
+level ground. The tyres of the implement use the tyre law of the tractor's rear tyres, scaled to their size.
 """
 
 from typing import ClassVar, Literal, NamedTuple
@@ -59,7 +59,7 @@ class Shape(NamedTuple):
 
 
 class HitchedBody(NamedTuple):
-    """Body of an implement at the hitch of the tractor."""
+    """Body of an implement attached to the hitch of the tractor."""
 
     mass: float  # Mass of the implement without wheels [kg]
     centre: Place  # Centre of mass of the implement without wheels [m], relative to the hitch of the tractor
@@ -81,10 +81,10 @@ class TowedImplement(NamedTuple):
     """Dimensions and state of the implement, as entered by the operator in the terminal of the tractor."""
 
     length: float = 0.0
-    """Distance of the implement axle behind the rear axle of the tractor [m], or 0 if there is no drawn implement."""
+    """Distance of the implement axle behind the rear axle of the tractor [m]; 0 if there is no drawn implement."""
     working: bool = False  # Whether the tool is in the soil
     antenna: float = 0.0
-    """Distance of the GNSS antenna behind the rear axle, in line [m], or 0 if the antenna is on the tractor."""
+    """Distance of the GNSS antenna behind the rear axle when driving straight [m]; 0 for an antenna on the tractor."""
 
 
 class ImplementBase(Spec):
@@ -93,14 +93,14 @@ class ImplementBase(Spec):
     machine: ClassVar[bool] = True
     """Whether the implement requires a plant with rigid bodies, such as MuJoCo, instead of the bicycle plant."""
     fast_step_s: ClassVar[float] = 0.005
-    """Physics step of `physics = "fast"` with this implement [s]."""
+    """Physics step with this implement if `physics = "fast"` [s]."""
 
     kind: str
     receiver: bool = False
     """Whether the GNSS antenna is on the implement, above the working point, instead of on the tractor."""
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody | None:
-        """Return the implement's body, or None without one. Raises ValueError if the implement cannot be mounted."""
+        """Return the body of the implement, or None for no implement. Raises ValueError if it cannot be mounted."""
         raise NotImplementedError
 
     def towed(self, tractor: TractorParameters) -> TowedImplement:
@@ -113,7 +113,7 @@ class ImplementBase(Spec):
         return TowedImplement(length, hitched.tool is not None, self.receiver_behind(tractor))
 
     def receiver_behind(self, tractor: TractorParameters) -> float:
-        """Return the distance of the antenna behind the rear axle, in line [m], or 0 for an antenna on the tractor."""
+        """Return the distance of the antenna behind the rear axle when driving straight [m]; 0 if on the tractor."""
         hitched = self.hitched(tractor)
         return 0.0 if hitched is None or hitched.antenna is None else tractor.hitch_behind_m - hitched.antenna[0]
 

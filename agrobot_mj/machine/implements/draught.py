@@ -1,7 +1,7 @@
 """Soil-engaging tools, and their draught from ASABE D497: D = F_i (A + B S + C S^2) W T.
 
 F_i is the factor of the soil texture, S the speed [km/h], W the width [m] or the number of tools or rows. T is the
-depth [cm], or 1 for seeding machines. The standard gives the mean over soils of a texture; the draught of a field
+depth [cm], or 1 for seeding machines. The standard gives the mean over soils of a texture; the draught in a field
 differs from this mean by up to `Draught.spread`. The numbers of `TOOLS` are quoted from memory: check them against your
 edition of the standard.
 """
@@ -21,7 +21,7 @@ ToolType = Literal[
 Texture = Literal["fine", "medium", "coarse"]
 TEXTURES = ("fine", "medium", "coarse")  # Soil textures in the order of the factors F_1, F_2, F_3 of D497
 DEEPEST = 2.0
-"""Depth divided by intended depth above which the draught is constant [-]. Assumed value: the frame then slides."""
+"""Depth divided by intended depth [-] above which the draught is constant, because the frame slides. Assumed value."""
 
 
 class Draught(NamedTuple):
@@ -73,7 +73,7 @@ def engaged(law: ToolLaw, depth: float) -> float:
 
 @kernel
 def draught(law: ToolLaw, speed: float, depth: float) -> float:
-    """Return the mean draught [N] at a speed [m/s] and depth [m]."""
+    """Return the mean draught [N] of a tool at a speed [m/s] and depth [m]."""
     S, share = 3.6 * abs(speed), engaged(law, depth)
     T = 100.0 * law.depth * share if law.by_depth > 0.5 else min(share, 1.0)
     return (law.a + law.b * S + law.c * S * S) * T
@@ -86,26 +86,26 @@ class Tool(Spec):
     """Tool type, which selects the draught parameters in ASABE D497."""
     size: Annotated[float, Field(gt=0, le=100)] = 0.25
     """Width of a plough or harrow [m], number of tools of a cultivator, or number of rows of a seeder [-]. Assumed
-    value (0.2-0.35): one plough bottom."""
+    value (range 0.2-0.35) for a plough with one bottom."""
     depth_m: Annotated[float, Field(ge=0.005, le=1)] = 0.12
-    """Working depth on level ground [m]. Assumed value (0.1-0.2 for the plough of a compact tractor)."""
+    """Working depth on level ground [m]. Assumed value (range 0.1-0.2 for the plough of a compact tractor)."""
     texture: Texture = "medium"
     """Soil texture, which selects the factor F_i in ASABE D497."""
     draught_scale: Annotated[float, Field(ge=0, le=10)] = 1.0
-    """Factor on the draught from ASABE D497 [-], which is accurate within 25 to 50 %."""
+    """Factor on the draught from ASABE D497 [-]. The draught in a field is within 25-50 % of the standard."""
     noise_share: Spread = 0.15
-    """Standard deviation of the log-normal draught divided by its mean [-]. Assumed value (0.1-0.3)."""
+    """Standard deviation of the log-normal draught divided by the mean draught [-]. Assumed value (range 0.1-0.3)."""
     noise_length_m: Annotated[float, Field(ge=0.01, le=100)] = 0.5
-    """Correlation length of the draught along the path [m]. Assumed value (0.2-2)."""
+    """Correlation length of the draught along the path [m]. Assumed value (range 0.2-2)."""
     cornering_stiffness_n_deg: NonNegative = 150.0
-    """Lateral force per degree of slip angle at the intended depth [N/deg]. Assumed value: 450-3400 published for
-    implements of a tractor of 10 t (Pearson and Bevly, 2008), scaled by width and depth to a compact tractor."""
+    """Lateral force per degree of slip angle at the intended depth [N/deg]. Assumed value: 450-3400 for implements of
+    a 10 t tractor (Pearson and Bevly, 2008), scaled to a compact tractor by width and depth."""
     relaxation_m: Annotated[float, Field(ge=0.02, le=10)] = 0.4
-    """Relaxation length of the lateral force [m]. Assumed value (0.2-1)."""
+    """Relaxation length of the lateral force [m]. Assumed value (range 0.2-1)."""
     side_limit_n: Positive = 2500.0
-    """Maximum lateral force before the soil yields [N]. Assumed value (1000-5000) for soil next to a plough share."""
+    """Maximum lateral force [N], at which the soil yields. Assumed value (range 1000-5000) next to a plough share."""
     suction_share: Annotated[float, Field(ge=0, le=2)] = 0.2
-    """Downward force of the soil divided by the draught [-]. Assumed value (0-0.3)."""
+    """Downward force of the soil on the tool divided by the draught [-]. Assumed value (range 0-0.3)."""
 
     def law(self) -> ToolLaw:
         """Return the coefficients for the compiled function `draught`."""

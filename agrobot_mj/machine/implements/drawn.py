@@ -1,7 +1,7 @@
 """Drawn implement with one axle, such as a trailer, a grain cart or a seeder.
 
-The drawbar pin allows yaw, pitch and roll between stops. The two tyres have the law of the tractor's rear tyres, with
-separate sizes and stiffness.
+The drawbar pin allows yaw, pitch and roll between stops. The two tyres use the tyre law of the tractor's rear tyres,
+with separate sizes and stiffness.
 """
 
 from math import radians, sqrt
@@ -16,14 +16,14 @@ from agrobot_mj.machine.tractor import GRAVITY, AxleWheel, TractorParameters
 
 Length = Annotated[float, Field(gt=0, le=20)]
 YAW, SWING = radians(85.0), radians(25.0)
-"""Maximum angles of the drawbar pin in both directions [rad]: yaw; pitch and roll. Assumed values."""
+"""Maximum yaw angle of the drawbar pin, and maximum pitch and roll angle, in both directions [rad]. Assumed values."""
 MIDDLE = (0.0, 0.0, 0.0)
 PIN = (
     Joint("hitch_yaw", (0.0, 0.0, 1.0), MIDDLE, YAW),
     Joint("hitch_pitch", (0.0, 1.0, 0.0), MIDDLE, SWING),
     Joint("hitch_roll", (1.0, 0.0, 0.0), MIDDLE, SWING),
 )
-"""Hinges of the drawbar pin: yaw, pitch and roll."""
+"""Hinges of the drawbar pin, for yaw, pitch and roll."""
 
 
 class Springs(NamedTuple):
@@ -39,14 +39,14 @@ class Springs(NamedTuple):
     damping: float  # Vertical damping of the reference tyre [N s/m]
 
     def under(self, load: float, radius: float, stiffness: float | None, damping: float | None) -> tuple[float, float]:
-        """Return stiffness [N/m] and damping [N s/m]; None is replaced by a value for `load` [N] and `radius` [m]."""
+        """Return stiffness [N/m] and damping [N s/m]. Values of None are computed from `load` [N] and `radius` [m]."""
         k = self.stiffness * (load / self.load) * (self.radius / radius) if stiffness is None else stiffness
         c = self.damping * sqrt(k / self.stiffness * (load / self.load)) if damping is None else damping
         return k, c
 
 
 TYRE = Springs(500.0 * GRAVITY * 1.75 / 2.0 / 2, 0.3, 1.8e5, 1800.0)
-"""Tyre of the default trailer. Assumed values: 4 % deflection (stiffness 1e5-3e5 N/m), 15 % of critical damping."""
+"""Tyre of the default trailer. Assumed values: 4 % deflection (stiffness 1e5-3e5 N/m) and 15 % of critical damping."""
 
 
 class Drawn(ImplementBase):
@@ -58,42 +58,41 @@ class Drawn(ImplementBase):
     lowered: bool = False
     """Whether the tool works in the soil."""
     mass_kg: Annotated[float, Field(ge=20, le=100000)] = 500.0
-    """Mass of the implement with wheels and load [kg]. Assumed value (300-1000 for this class)."""
+    """Mass of the implement with wheels and load [kg]. Assumed value (range 300-1000 for compact tractors)."""
     cg_behind_m: Length = 1.75
     """Distance of the centre of mass behind the hitch [m]. Assumed value: the drawbar carries 5-20 % of the weight."""
     cg_height_m: Length = 0.65
-    """Height of the centre of mass above level ground [m]. Assumed value (0.5-1)."""
+    """Height of the centre of mass above level ground [m]. Assumed value (range 0.5-1)."""
     length_m: Length = 1.8
-    """Length of the body [m]; length, width and height determine the inertia of a box. Assumed value (1.5-3)."""
+    """Length of the body [m]. Length, width and height determine the inertia of a box. Assumed value (range 1.5-3)."""
     width_m: Length = 1.1
-    """Width of the body [m]. Assumed value (1-1.5)."""
+    """Width of the body [m]. Assumed value (range 1-1.5)."""
     height_m: Length = 0.6
-    """Height of the body [m]. Assumed value (0.4-1)."""
+    """Height of the body [m]. Assumed value (range 0.4-1)."""
     axle_behind_m: Length = 2.0
-    """Distance of the axle behind the hitch [m]. Assumed value (1.5-3)."""
+    """Distance of the axle behind the hitch [m]. Assumed value (range 1.5-3)."""
     track_m: Annotated[float, Field(ge=0.2, le=8)] = 1.1
-    """Track width of the axle [m]. Assumed value (1-1.5)."""
+    """Track width of the axle [m]. Assumed value (range 1-1.5)."""
     wheel_radius_m: Annotated[float, Field(ge=0.1, le=2)] = 0.3
-    """Free radius of a wheel [m]. Assumed value, typical of a 10.0/75-15 tyre."""
+    """Free radius of a wheel [m]. Assumed value for a 10.0/75-15 tyre."""
     wheel_width_m: Annotated[float, Field(ge=0.02, le=2)] = 0.2
-    """Section width of a tyre [m]. Assumed value, typical of a 10.0/75-15 tyre."""
+    """Section width of a tyre [m]. Assumed value for a 10.0/75-15 tyre."""
     wheel_mass_kg: Positive = 20.0
-    """Mass of one wheel [kg]. Assumed value (15-30)."""
+    """Mass of one wheel [kg]. Assumed value (range 15-30)."""
     tyre_stiffness_n_m: Positive | None = None
     """Vertical stiffness of one tyre [N/m]. Default: from static load and radius; 1.8e5 for the default implement."""
     tyre_damping_n_s_m: NonNegative | None = None
     """Vertical damping of one tyre [N s/m]. Default: 15 % of critical damping for the load on the tyre."""
     slip_stiffness_scale: Annotated[float, Field(ge=0.05, le=10)] = 1.0
-    """Factor on the slip stiffness of the tyres [-], relative to the law of the rear tyres of `plant.tyre` at the same
-    load."""
+    """Factor on the slip stiffness of the tyres [-], relative to the rear tyres of `plant.tyre` at the same load."""
     rolling_scale: Annotated[float, Field(ge=0, le=10)] = 1.0
     """Factor on the rolling resistance of the tyres [-], relative to `plant.tyre`."""
     tool: Tool = Tool()
     """Soil-engaging tool of the implement, used if `lowered` is true."""
     tool_behind_m: Length = 2.0
-    """Distance of the tool centre behind the hitch [m]. Assumed value: at the axle."""
+    """Distance of the tool centre behind the hitch [m]. Assumed value: the tool is at the axle."""
     antenna_height_m: Length = 2.0
-    """Height of the GNSS antenna above level ground [m], used with `receiver`. Assumed value: as on the tractor."""
+    """Height of the GNSS antenna above level ground [m] if `receiver` is true. Assumed value: as on the tractor."""
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody:
         """Return the body of the implement: two wheels, and hinges at the drawbar pin."""
@@ -128,7 +127,7 @@ class Drawn(ImplementBase):
         return AxleWheel("rear", radius, self.wheel_width_m, self.wheel_mass_kg, load, *springs)
 
     def _toolbar(self, ground: float) -> tuple[Shape, ...]:
-        """Return the shapes of a toolbar with legs, or an empty tuple if the tool is lifted."""
+        """Return the shapes of a toolbar with legs, or an empty tuple if the tool is not lowered."""
         if not self.lowered:
             return ()
         x, wide = -self.tool_behind_m, self.width_m / 2

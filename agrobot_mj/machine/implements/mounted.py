@@ -3,7 +3,7 @@
 The check chains of the lower links are tight: the implement follows every yaw motion of the tractor. With the linkage
 `rigid` it also follows pitch, roll and heave; its weight, the suction of the soil and the draught load the tractor.
 With `float` the implement pitches about its virtual hitch: the intersection of the lines of upper and lower links in
-side view, ahead of the hitch. The depth wheel carries the weight that the tractor does not carry.
+side view, ahead of the hitch. The tractor and the depth wheel share the weight.
 """
 
 from math import radians
@@ -38,38 +38,40 @@ class Mounted(ImplementBase):
     lowered: bool = True
     """Whether the tool works in the soil."""
     mass_kg: Annotated[float, Field(ge=5, le=20000)] = 110.0
-    """Mass of the implement [kg]. Assumed value (80-250 for this class)."""
+    """Mass of the implement [kg]. Assumed value (range 80-250 for compact tractors)."""
     cg_behind_m: Length = 0.55
-    """Distance of the centre of mass behind the hitch [m]. Assumed value (0.4-0.8)."""
+    """Distance of the centre of mass behind the hitch [m]. Assumed value (range 0.4-0.8)."""
     cg_height_m: Length = 0.45
-    """Height of the centre of mass above level ground [m]. Assumed value (0.3-0.6)."""
+    """Height of the centre of mass above level ground [m]. Assumed value (range 0.3-0.6)."""
     length_m: Length = 0.9
-    """Length of the frame [m]; length, width and height determine the inertia of a box. Assumed value (0.6-1.5)."""
+    """Length of the frame [m]. Length, width and height determine the inertia of a box. Assumed value (range
+    0.6-1.5)."""
     width_m: Length = 0.7
-    """Width of the frame [m]. Assumed value (0.5-1.5)."""
+    """Width of the frame [m]. Assumed value (range 0.5-1.5)."""
     height_m: Length = 0.5
-    """Height of the frame [m]. Assumed value (0.4-1)."""
+    """Height of the frame [m]. Assumed value (range 0.4-1)."""
     tool: Tool = Tool()
     """Soil-engaging tool of the implement, used if `lowered` is true."""
     tool_behind_m: Length = 0.7
-    """Distance of the tool centre behind the hitch [m]. Assumed value (0.5-1.2)."""
+    """Distance of the tool centre behind the hitch [m]. Assumed value (range 0.5-1.2)."""
     tool_left_m: Annotated[float, Field(ge=-10, le=10)] = 0.0
-    """Lateral offset of the tool centre [m], left positive. An offset tool exerts a yaw moment."""
+    """Lateral offset of the tool centre [m], positive to the left. An offset tool exerts a yaw moment."""
     antenna_height_m: Length = 2.0
-    """Height of the GNSS antenna above level ground [m], used with `receiver`. Assumed value: as on the tractor."""
+    """Height of the GNSS antenna above level ground [m] if `receiver` is true. Assumed value: as on the tractor."""
     virtual_hitch_ahead_m: Length = 1.0
-    """Distance of a floating implement's pitch axis (virtual hitch) ahead of the hitch [m]. Assumed value (0.5-2)."""
+    """Distance of the pitch axis (virtual hitch) of a floating implement ahead of the hitch [m]. Assumed value (range
+    0.5-2)."""
     depth_wheel_behind_m: Length = 0.6
-    """Distance of the depth wheel behind the hitch [m]. Assumed value (0.3-1)."""
+    """Distance of the depth wheel behind the hitch [m]. Assumed value (range 0.3-1)."""
     depth_wheel_stiffness_n_m: Positive = 8e4
-    """Vertical stiffness of the depth wheel on soil [N/m]. Assumed value (5e4-2e5)."""
+    """Vertical stiffness of the depth wheel on soil [N/m]. Assumed value (range 5e4-2e5)."""
     depth_wheel_damping_n_s_m: NonNegative = 1500.0
     """Vertical damping of the depth wheel [N s/m]. Assumed value: a quarter of critical damping."""
     depth_wheel_rolling: Annotated[float, Field(ge=0, le=1)] = 0.1
-    """Rolling resistance of the depth wheel divided by its load [-]. Assumed value (0.05-0.2)."""
+    """Rolling resistance of the depth wheel divided by its load [-]. Assumed value (range 0.05-0.2)."""
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody:
-        """Return the implement's body, fixed rigidly to the tractor or hinged about a lateral axis."""
+        """Return the body of the implement, fixed rigidly to the tractor or hinged about a lateral axis."""
         floating, ground = self.linkage == "float", -tractor.hitch_height_m
         x, y, weight = -self.tool_behind_m, self.tool_left_m, self.mass_kg * GRAVITY
         # position control is set for the working depth: the tractor's tyres deflect under the weight
@@ -99,7 +101,7 @@ class Mounted(ImplementBase):
         )
 
     def _carried(self, weight: float) -> float:
-        """Return the static load of the depth wheel [N], from the moment of the weight about the virtual hitch."""
+        """Return the static load on the depth wheel [N], from the moment of the weight about the virtual hitch."""
         ahead = self.virtual_hitch_ahead_m
         return weight * (ahead + self.cg_behind_m) / (ahead + self.depth_wheel_behind_m)
 
