@@ -20,7 +20,7 @@ from agrobot_mj.control.pure_pursuit import PurePursuit
 from agrobot_mj.control.stanley import Stanley
 
 Guidance = Annotated[InnerLaw, Field(discriminator="kind")]
-"""Union type of the guidance laws of the core; the key `kind` selects the law."""
+"""Union type of the built-in guidance laws; the key `kind` selects the law."""
 
 Controller = Annotated[
     OpenLoop
@@ -34,7 +34,7 @@ Controller = Annotated[
 """Union type of the yaw controllers; the key `kind` selects the controller."""
 
 Loop = Annotated[SteeringLoop, Field(discriminator="kind")]
-"""Union type of the steering loops of the core; the key `kind` selects the loop."""
+"""Union type of the built-in steering loops; the key `kind` selects the loop."""
 
 __all__ = [
     "AngleLoop",

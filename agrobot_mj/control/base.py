@@ -37,7 +37,7 @@ class Route(Protocol):
         ...
 
     def ahead(self, s: float) -> PathPoint:
-        """Return the path point at arc length `s` [m], with `offset` 0; the path is extended straight at its ends."""
+        """Return the path point at arc length `s` [m], with `offset` 0; straight lines extend the path at its ends."""
         ...
 
     def curvatures(self, distances: Sequence[float] | Vector) -> Vector:
@@ -72,7 +72,7 @@ class Situation(NamedTuple):
     towed: TowedImplement = TowedImplement()  # Dimensions and state of the implement
 
     def fetched(self) -> "Situation":
-        """Return the situation with the estimate as a named tuple whose covariance is read-only."""
+        """Return the situation with its estimate converted to a named tuple with a read-only covariance."""
         estimate = fetched(self.estimate)
         if estimate is self.estimate:
             return self
@@ -89,7 +89,7 @@ class Learner(Reporting):
     """Base class of the components whose learned values can be saved for the next run."""
 
     def check(self) -> None:
-        """Read the files of the component. Raise ValueError with the scenario key if a file is invalid."""
+        """Read the files named by the component's keys. Raise ValueError with the key of an invalid file."""
 
     def learned(self, state: Any) -> Learned:
         """Return the learned quantities (see `core.learned`), or an empty mapping if the component does not learn."""
@@ -101,11 +101,11 @@ class GuidanceLaw(Learner):
 
     kind: str
     tunable: ClassVar[Mapping[str, tuple[float, float]]] = {}
-    """Search range of each tunable key, in the unit of the key. Default: none."""
+    """Search range for tuning each tunable key, in the unit of the key. Default: no keys."""
     tuned: ClassVar[Mapping[str, Mapping[str, float]]] = {}
-    """Tuned gains of each law by dotted scenario key, in addition to `control.gains.TUNED`."""
+    """Tuned gains by law name and dotted scenario key, in addition to `control.gains.TUNED`."""
     timed: ClassVar[bool] = True
-    """Whether a run with this law ends as `diverged` if the tractor is far from the moving reference."""
+    """Whether a run with this law ends as `diverged` if the tractor is far from the moving reference point."""
     holds_lane_change: ClassVar[bool] = False
     """Whether the tests require a lane change with a cross-track RMS below 0.25 m, and stability with a worn valve."""
 
@@ -133,7 +133,7 @@ class GuidanceLaw(Learner):
 
     @property
     def outside(self) -> str:
-        """Subcommand of `agrobot-mj` that runs this law in an external program, or an empty string if not external."""
+        """Subcommand of `agrobot-mj` that runs this law in an external program, or an empty string for other laws."""
         return ""
 
     def using(self, controller: "YawController") -> "GuidanceLaw":
@@ -152,7 +152,7 @@ YAW_COLUMNS = (
 
 
 class YawCommand(NamedTuple):
-    """Steering command of a yaw controller and its components."""
+    """Steering command of a yaw controller, with the components of the command."""
 
     steer: float  # Front-wheel angle [rad], positive left, limited to the maximum steering angle
     tau_c: float = 0.0  # Output of the conventional (PD) controller [rad]
@@ -169,7 +169,7 @@ class YawController(Reporting):
     closed_loop: ClassVar[bool] = True
     """Whether the controller uses the measured yaw rate."""
     tunable: ClassVar[Mapping[str, tuple[float, float]]] = {}
-    """Search range of each tunable key, in the unit of the key."""
+    """Search range for tuning each tunable key, in the unit of the key."""
 
     def init(self) -> Any:
         """Return the initial state of the controller."""

@@ -17,15 +17,15 @@ FADING_M, FADING_ANGLE = 0.3, radians(20.0)
 """Cross-track error [m] and heading error [rad] above which the speed increase of a lagging tractor is reduced. The
 increase is 0 at twice these values. Assumed values."""
 TURNING_S = 1.0
-"""Time for the wheels to return from the steering limit to zero [s]. Assumed value, half the time from lock to lock."""
+"""Time in which the wheels return from the steering limit to zero [s]. Assumed value; lock to lock takes 3.5 s."""
 STEEP = radians(10.0)
 """Heading error that distinguishes an approach to the path (larger) from tracking (smaller) [rad]. Assumed value."""
 MAX_HEADING_CHANGE = radians(6.0)
 """Maximum heading change while the wheels turn to the commanded angle [rad], used to limit the speed. Assumed value."""
 RISE_M_S2 = 1.0
-"""Maximum acceleration of the speed command [m/s2]. Assumed value: the tractor reaches the path before full speed."""
+"""Maximum acceleration of the speed command [m/s2]. Assumed value, with which the path is reached before full speed."""
 LOOKBACK = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))
-"""Look-back distances for averaging the curvature, divided by the slip length [-]: exponential quantiles."""
+"""Look-back distances for averaging the curvature, divided by slip length [-]: quantiles of an exponential weight."""
 
 
 class Followed(NamedTuple):
@@ -93,7 +93,7 @@ def direction_of(r: Reference, last: float, place: PathPoint) -> float:
 
 @jit
 def lookback(limits: CommandLimits, place: PathPoint, direction: float, seen: Situated, length: float) -> Vector:
-    """Return the arc lengths [m] of the curvatures needed for the sideslip at a path point and `preview_s` later."""
+    """Return the arc lengths [m] whose curvatures give the sideslip at a path point and `preview_s` later."""
     distances, n = np.zeros(2 * len(LOOKBACK)), len(LOOKBACK)
     s, preview, leg = place.s, abs(fetched(seen.estimate).speed) * limits.preview_s, (seen.low, seen.high)
     for k, lag in enumerate(LOOKBACK):
@@ -104,7 +104,7 @@ def lookback(limits: CommandLimits, place: PathPoint, direction: float, seen: Si
 
 @shared
 def _behind(s: float, lag: float, leg: tuple[float, float]) -> float:
-    """Return the arc length `lag` [m] behind `s`, limited to the leg; the first leg has no lower limit."""
+    """Return the arc length `lag` [m] behind `s`, limited to the current leg; the first leg has no lower limit."""
     return min(max(s - lag, leg[0] if leg[0] > 0.0 else s - 1e9), leg[1])
 
 
@@ -179,10 +179,10 @@ def followed(
 ) -> Followed:
     """Return the limited steering and speed commands of a law, with the path errors.
 
-    `last` is the last speed command [m/s] or NaN. The speed is the speed of the reference plus a correction for the lag
-    along the path. It exceeds the reference speed only near the path, because the limited steering rate makes a faster
-    approach less accurate. The tractor slows down while the wheels turn to the commanded angle. At a large angle to the
-    path it also slows down at large steering angles.
+    `last` is the last speed command [m/s] or NaN. The speed command is the reference speed plus a correction for the
+    lag behind the reference. A positive correction is applied only near the path, because the limited steering rate
+    makes a faster approach less accurate. The tractor slows down while the wheels turn to the commanded angle. At a
+    large angle to the path the tractor also slows down if the steering angle is large.
     """
     e, command = fetched(seen.estimate), min(max(wanted + deviation.bias, -deviation.limit), deviation.limit)
     along, lead = to_heading(r.yaw, r.vx, r.vy)[0], to_heading(r.yaw, r.x - e.x, r.y - e.y)[0]
@@ -207,7 +207,8 @@ def _approach_speed(limits: CommandLimits, deviation: PathDeviation) -> float:
     """Return the maximum speed u [m/s] at which the tractor can turn onto the path from a large angle theta.
 
     The arc at the lateral acceleration a, and the travel in the time T = TURNING_S in which the wheels turn, must fit
-    into the distance e from the path: u^2 / a (1 - cos theta) + u T sin theta = e. The minimum is u at full lock.
+    into the distance e from the path: u^2 / a (1 - cos theta) + u T sin theta = e. The minimum is u on an arc at full
+    lock.
     """
     theta, e, a = abs(deviation.heading), abs(deviation.cross_track), limits.lateral_acceleration
     if theta < STEEP or deviation.cross_track * deviation.heading * deviation.direction > 0.0:
@@ -231,7 +232,7 @@ def _turning_speed(limits: CommandLimits, turning: float) -> float:
 def offset_of(deviation: PathDeviation, ahead: float, direction: float, pose: tuple[float, float, float]) -> float:
     """Return the lateral offset [m] of a point of the tractor from the position of this point on an error-free tractor.
 
-    The point is `ahead` [m] of the CG, whose `pose` is x, y [m] and yaw [rad]. Left of `direction` [rad] is positive.
+    The point is `ahead` [m] in front of the CG at `pose` (x, y [m], yaw [rad]). Left of `direction` [rad] is positive.
     """
     (x, y, yaw), psi = pose, deviation.yaw
     east = x - deviation.place.x + ahead * (cos(yaw) - cos(psi))

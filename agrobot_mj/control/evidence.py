@@ -20,17 +20,18 @@ DRIFT_TIME_S = 60.0
 accumulated error of 4 cm at 20 Hz and 7 cm at 5 Hz; a drift of 7 mm/s eventually reaches the limit."""
 SWAY_S, TURN_TIME_S = 2.0, 10.0
 """Short and long time constant [s] for averaging the difference between course and gyro angle. Assumed values: the
-short one covers several oscillations of the antenna; a gyro bias of 0.3 deg/s separates the two means by 2.4 deg."""
+short time covers several oscillations of the antenna; a gyro bias of 0.3 deg/s separates the two means by 2.4 deg."""
 TILT_TIME_S = 4.0
-"""Averaging time of the tilt computed from the specific force [s]. Assumed value: twice the duration of a start."""
+"""Averaging time of the tilt from the specific force [s]. Assumed value: twice the typical duration of an
+acceleration."""
 GAP_S = 0.5
-"""Maximum time between two fixes over which their velocities are integrated [s]. Assumed value (10 missing fixes)."""
+"""Maximum time between two fixes over which their velocities are integrated [s]. Assumed value: 10 periods at 20 Hz."""
 BEND_ERROR = 0.25
 """Error of the velocity integration, divided by the time step and the second difference of the velocity [-]. Assumed
 value, above the theoretical 1/12 for time steps much shorter than the period of the antenna oscillation."""
 MOVING_M_S = 0.4  # Minimum speed of a moving tractor [m/s]. Assumed value: ten times the velocity noise.
 COURSE_M_S = 0.25
-"""Minimum fix speed at which the velocity gives a course [m/s]. Assumed value: eight times the velocity noise."""
+"""Minimum fix speed for deriving a course from the velocity [m/s]. Assumed value: eight times the velocity noise."""
 HELD_S = 5.0
 """Time without a valid course after which the gyro comparison restarts [s]. Assumed value: a gyro bias of 0.3 deg/s
 then causes an angle error of 1.5 deg."""
@@ -124,12 +125,12 @@ class AttitudeEvidence(NamedTuple):
     residual: tuple[float, float] = (0.0, 0.0)
     """Forward and left residual of the specific force divided by g [-], averaged over TILT_TIME_S.
 
-    The residual is the specific force without gravity at the measured angles and without centripetal acceleration.
-    Averaging forces instead of tilt angles suppresses vibration.
+    The residual is the specific force without its parts due to gravity (at the measured angles) and centripetal
+    acceleration. Averaging forces instead of tilt angles suppresses vibration.
     """
 
     def after(self, m: Sensed, moving: bool, dt: float) -> "AttitudeEvidence":
-        """Return the checks after a tick of `dt` [s]. Constant angles count as repeated only if `moving`."""
+        """Return the state after a tick of `dt` [s]. Constant angles count as repeated only if `moving`."""
         first = not isfinite(self.angles[0])
         if not isfinite(m.roll + m.pitch):
             silent_s = 0.0 if first else self.silent_s + dt
@@ -160,18 +161,19 @@ class TurnEvidence(NamedTuple):
     """State of the course check: short-term and long-term means of the fix velocity in the frame of the gyro angle.
 
     Velocity vectors are rotated back by the gyro angle and averaged, so that the antenna oscillation cancels. Only RTK
-    fixes of a moving tractor are used. The weight of a fix is at most GAP_S; a fix is valid for HELD_S.
+    fixes of a moving tractor are used, weighted with the time since the previous fix (at most GAP_S).
     """
 
     t: float = 0.0  # Time of the last valid fix [s]
     turned: float = 0.0  # Integral of the measured yaw rate [rad]
     known_s: float = 0.0  # Time covered by valid fixes [s]
     late: complex = 0j
-    """Mean over SWAY_S of the fix velocity rotated back by the gyro angle `turned` [m/s], or 0 before the first fix."""
+    """Fix velocity rotated back by the gyro angle `turned`, mean over SWAY_S [m/s], or 0 before the first valid fix."""
     long: complex = 0j  # Fix velocity rotated back by the gyro angle `turned`, mean over TURN_TIME_S [m/s]
 
     def after(self, m: Sensed, fix: Fix, quality: int, dt: float) -> "TurnEvidence":
-        """Return the means after a tick of `dt` [s], reset without a gyro and `HELD_S` after the last valid fix."""
+        """Return the means after a tick of `dt` [s], reset without a gyro or more than HELD_S after the last valid
+        fix."""
         turned, time = self.turned + m.gyro * dt, m.t - self.t
         if isnan(turned) or (time > HELD_S and self.known_s > 0.0):
             return TurnEvidence(m.t, 0.0, 0.0, 0j, 0j)
@@ -201,7 +203,7 @@ def drift_of(evidence: Evidence) -> float:
 
 @shared
 def tilt_error(attitude: AttitudeEvidence) -> float:
-    """Return the maximum difference [rad] between roll or pitch and the tilt derived from the specific force."""
+    """Return the larger of the roll and pitch errors [rad], relative to the tilt derived from the specific force."""
     return atan(max(abs(attitude.residual[0]), abs(attitude.residual[1])))
 
 

@@ -2,7 +2,7 @@
 
 With feed-forward, the yaw controller only rejects disturbances: tyre slip, side slope and steering errors. L is the
 wheelbase, and kappa is the path curvature at the reference point `preview_s` later. The preview compensates the
-response time of the steering. Source: [Snider2009], kinematic steady state.
+response time of the steering. Source: the kinematic steady state in [Snider2009].
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ class Feedforward(CascadeLaw):
 
     kind: Literal["feedforward"] = "feedforward"
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.3
-    """Preview time of the curvature [s]. Assumed value (0.2-0.6): the sum of delay and lag of the steering."""
+    """Preview time of the curvature [s]. Assumed value (range 0.2-0.6): the sum of delay and lag of the steering."""
 
     ends_turns: ClassVar = True
 

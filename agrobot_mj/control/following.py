@@ -10,8 +10,8 @@ the steering angle delta = atan(L tan(beta) / l_r), with the wheelbase L. In for
 behind the tractor, and in reverse on the path ahead (the bounded solution). The required steering angle is therefore
 continuous at a step of the curvature.
 
-Errors are in the frame of the heading, positive left, in both directions of travel. The curvature is the rotation of
-the heading per distance along the heading, so that delta and kappa also have the same sign in reverse.
+Errors are in the frame of the heading, positive to the left, in both directions of travel. The curvature is the
+rotation of the heading per distance along the heading, so that delta and kappa also have the same sign in reverse.
 """
 
 from collections.abc import Sequence
@@ -48,7 +48,7 @@ _lookback, _deviated, _followed = stage(lookback), stage(deviated), stage(follow
 
 
 class FollowingLaw(NamedTuple):
-    """Parameters of a path-following law that has no compiled tick."""
+    """Parameters of a path-following law without a compiled tick function."""
 
     limits: CommandLimits
 
@@ -57,15 +57,16 @@ class Following(GuidanceLaw):
     """Base class of the path-following laws, which steer by the nearest path point. Subclasses define `steering`."""
 
     saturation_m_s: NonNegative = 0.6
-    """Maximum speed correction towards the moving reference point [m/s]. Assumed value, as for `kinematic`."""
+    """Maximum speed correction towards the moving reference point [m/s]. Assumed value, as in `kinematic`."""
     gain_per_m: Positive = 0.4
-    """Slope of the speed correction versus lag, divided by `saturation_m_s` [1/m]. Assumed value, as for
-    `kinematic`."""
+    """Slope of the speed correction versus the lag behind the reference, divided by `saturation_m_s` [1/m]. Assumed
+    value, as in `kinematic`."""
     lateral_acceleration_m_s2: Positive = 2.0
-    """Maximum lateral acceleration that a command may require [m/s2]. Assumed value (1-3); the tractor tips at 6.8
-    m/s2."""
+    """Maximum lateral acceleration that a command may require [m/s2]. Assumed value (range 1-3); the tractor tips at
+    6.8 m/s2."""
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.4
-    """Preview time of the feed-forward angle [s]. Assumed value (0.3-0.5): 63 % of a steering step takes 0.38 s."""
+    """Preview time of the feed-forward angle [s]. Assumed value (range 0.3-0.5): 63 % of a steering step takes 0.38
+    s."""
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 35.0
     """Maximum angle of approach to a distant path [deg]. Assumed value; larger angles require tighter turns."""
     compensate_steer_bias: bool = True
@@ -136,7 +137,7 @@ class Following(GuidanceLaw):
         return FollowingLaw(limits)
 
     def _deviation(self, limits: CommandLimits, last: float, situation: Situation, seen: Situated) -> PathDeviation:
-        """Return the deviation from a route without samples, or for a law that is not compiled."""
+        """Return the deviation from the path for a route without samples or for a law that is not compiled."""
         route, rolling, e = situation.route, self.rolling(situation), situation.estimate
         place = route.nearest(e.x, e.y, seen.near, situation.t)
         direction = direction_of(situation.reference, last, place)

@@ -4,11 +4,11 @@ The kinematic law maps the position error of the CG to speed and yaw-rate refere
 `[controller]` maps the yaw-rate error to a steering angle.
 
 Inputs: ENU position and velocity [m, m/s] and heading psi [rad]. References: u_ref [m/s] along the heading and
-gamma_ref [rad/s], positive left. The law inverts the motion of a point l_r ahead of a rear axle that rolls without
-slip. Source: the paper, section III-A, after [Martins2008].
+gamma_ref [rad/s], positive to the left. The law inverts the motion of a point l_r ahead of a rear axle that rolls
+without slip. Source: the paper, section III-A, after [Martins2008].
 
 Limitations: The law cannot follow a path in reverse, where the point would have to trail the rear axle. A tractor ahead
-of its reference turns while it waits. Without an integral term of the yaw controller, arcs and slopes cause an offset.
+of its reference turns while it waits. Without an integral term in the yaw controller, arcs and slopes cause an offset.
 """
 
 from math import atan2, cos, hypot, sin, sqrt, tanh
@@ -34,20 +34,21 @@ class CascadeLaw(GuidanceLaw):
     """Base class of the kinematic laws, which compute the yaw-rate reference of a yaw controller."""
 
     saturation_m_s: NonNegative = 0.6
-    """Saturation k_s: maximum correction velocity per axis [m/s]. Assumed value (0.3-1), half the default speed."""
+    """Saturation k_s: maximum correction velocity per axis [m/s]. Assumed value (range 0.3-1): half the default
+    speed."""
     gain_per_m: Positive = 0.4
     """Gain k_e: slope of the correction velocity divided by k_s [1/m]. Assumed value, tuned; 0.4 to match the paper."""
     lateral_acceleration_m_s2: Positive = 2.0
-    """Maximum lateral acceleration that a command may require [m/s2]. Assumed value (1-3); the compact tractor tips at
-    6.8 m/s2."""
+    """Maximum lateral acceleration that a command may require [m/s2]. Assumed value (range 1-3); the compact tractor
+    tips at 6.8 m/s2."""
     scheduled_above_m_s: Positive | None = None
     """Speed above which the gains of the yaw controller are inversely proportional to the speed [m/s], because the yaw
     rate per steering angle is u / L. Default: null (constant gains and unlimited turn rate, as in the paper), or 1.5
-    with tuned gains. Assumed value (1.2-2)."""
+    with tuned gains. Assumed value (range 1.2-2)."""
     speed_network: SpeedNetwork | None = None
     """Network that corrects the speed command. Default: none, as in the paper's experiments."""
     tunable: ClassVar = {"gain_per_m": (0.1, 1.5), "saturation_m_s": (0.3, 1.5)}
-    """Search ranges of the gains."""
+    """Search ranges for tuning the gains."""
     holds_lane_change: ClassVar = True
 
     def references(self, estimate: Estimate, reference: Reference, cg_to_rear_axle: float) -> tuple[float, float]:
@@ -67,7 +68,8 @@ class CascadeLaw(GuidanceLaw):
 
     @property
     def ends_turns(self) -> bool:
-        """Whether the law limits the yaw rate to feasible turns and waits for the reference instead of reversing."""
+        """Whether the law limits the yaw rate to the turning ability of the tractor, and waits for the reference
+        instead of reversing."""
         return self.scheduled_above_m_s is not None
 
     def setpoints(self, situation: Situation) -> tuple[float, float]:
@@ -79,7 +81,7 @@ class CascadeLaw(GuidanceLaw):
     def gain_scale(self, situation: Situation) -> float:
         """Return the factor on the yaw-rate error [-], negative in reverse.
 
-        The factor is the wheelbase relative to the compact tractor, times the schedule above `scheduled_above_m_s`.
+        The factor is proportional to the wheelbase and, above `scheduled_above_m_s`, to the inverse of the speed.
         """
         above, u = self.scheduled_above_m_s, situation.estimate.speed
         scale = situation.machine.wheelbase_m / COMPACT.wheelbase_m
@@ -111,7 +113,8 @@ class Kinematic(CascadeLaw):
 
 
 def _onward(vx: float, vy: float, reference: Reference) -> tuple[float, float]:
-    """Remove the component of a velocity [m/s] that points backward along the path, so that the tractor waits."""
+    """Remove the backward component along the path from a velocity [m/s], so that the tractor waits instead of
+    reversing."""
     at_rest = not (reference.vx or reference.vy)
     course = reference.yaw if at_rest else atan2(reference.vy, reference.vx)
     onward, aside = to_heading(course, vx, vy)
@@ -122,8 +125,8 @@ def _feasible(yaw_rate: float, situation: Situation) -> float:
     """Limit a yaw-rate reference [rad/s] to a turn that the steering can follow and end in time.
 
     A tractor slower than its reference turns at a proportionally lower rate. At the speed u, a heading error e adds a
-    yaw rate u e / l_r and decays with the time constant l_r / u, limited to at least `MIN_CLOSING_S`. If the wheels
-    return at the rate r, a turn ends in time for yaw rates up to sqrt(2 u r e / L), with the wheelbase L.
+    yaw rate u e / l_r. The error then decays with the time constant l_r / u, limited to at least `MIN_CLOSING_S`. If
+    the wheels return at the rate r, a turn ends in time for yaw rates up to sqrt(2 u r e / L), with the wheelbase L.
     """
     m, r, u = situation.machine, situation.reference, situation.estimate.speed
     turn = r.curvature * u

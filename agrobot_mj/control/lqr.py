@@ -8,7 +8,7 @@ delay T of the steering, understeer K = m (l_r C_r - l_f C_f) / (L C_f C_r), and
 from the CG to the point without sideslip [Snider2009], [Rajamani2012]. The model is discretised at the tick; delayed
 commands are states. The cost is
   (e_y / offset)^2 + (e_psi / heading)^2 + (delta' / rate)^2 + (delta_c / steer)^2 + (integral of e_y / integral)^2.
-The gains solve the discrete Riccati equation on a grid of speeds, once per process, and are interpolated.
+The gains follow from the discrete Riccati equation, solved once per process on a grid of speeds, and are interpolated.
 
 The integral q is stored as  v = q + P_qx x / P_qq,  with the other states x and the solution P of the Riccati equation.
 The cost x' P x + P_qq v^2 has no product of x and v. Hence v = 0 is the optimal initial value for any x, and the
@@ -16,9 +16,9 @@ integral does not wind up while the tractor acquires a line. v is stored as an a
 at its limit, during the approach to the path (at large distance or angle), at standstill, and until the heading is
 known. Until then the supervisor steers.
 
-The law works forward and in reverse at any speed of the grid. It has no steady-state error under constant disturbances
-(slope, steering bias, payload). Disturbances that change faster than the integral, such as a heading bias on each arc,
-cause transient errors.
+The law works forward and in reverse at any speed within the grid. The law has no steady-state error under constant
+disturbances (slope, steering bias, payload). Disturbances that change faster than the integral, such as a heading bias
+on each arc, cause transient errors.
 """
 
 from functools import lru_cache
@@ -85,7 +85,7 @@ def steering(
     limits: tuple[float, float], memory: LqrState, deviation: PathDeviation, speed: float, aligned: bool,
     steer: float, dt: float,
 ) -> tuple[LqrState, float]:  # fmt: skip
-    """Return the new state and the steering angle [rad]; `limits` are the approach and integral limits [rad]."""
+    """Return the new state and steering angle [rad]; `limits` [rad] are the maximum approach and integral angles."""
     row = _scheduled(memory.table, deviation.speed)
     n = (row.size + 1) // 2
     k, transient, first = row[:n], row[n:], memory.errors.size == 0
@@ -135,7 +135,7 @@ def _tick(
     r: Reference,
     dt: float,
 ) -> tuple[LqrState, Followed, float]:
-    """Return the new state, the results and the maximum required arc length [m] of a tick on a sampled path.
+    """Return the new state, the command with path errors, and the maximum arc length [m] needed on a sampled path.
 
     `last` contains the last direction of travel and the last speed command [m/s].
     """
@@ -169,16 +169,16 @@ class Lqr(Integrating):
     steering_delay_s: Latency = 0.1
     """Delay T of the valve, a multiple of the tick [s]. Assumed value, as in `Valve`."""
     offset_m: Positive = 0.14
-    """Cross-track error that contributes 1 to the cost [m]. Assumed value (0.1-0.4), tuned."""
+    """Cross-track error that contributes 1 to the cost [m]. Assumed value (range 0.1-0.4), tuned."""
     heading_deg: Positive = 3.9
-    """Heading error that contributes 1 to the cost [deg]. Assumed value (3-15), tuned."""
+    """Heading error that contributes 1 to the cost [deg]. Assumed value (range 3-15), tuned."""
     rate_deg_s: Positive = 35.0
     """Steering rate that contributes 1 to the cost [deg/s]. Assumed value, tuned; 4-15 if chosen by hand."""
     steer_deg: Positive = 6.0
-    """Deviation from the feed-forward angle that contributes 1 to the cost [deg]. Assumed value (3-15), tuned."""
+    """Deviation from the feed-forward angle that contributes 1 to the cost [deg]. Assumed value (range 3-15), tuned."""
     integral_m_s: Positive | None = 2.6
     """Integral of the cross-track error that contributes 1 to the cost [m s]; null disables integral action. Assumed
-    value (1-5), with which the error after a step disturbance decays in 10 s."""
+    value (range 1-5), with which the error after a step disturbance decays in 10 s."""
     integral_limit_deg: Annotated[float, Field(gt=0, le=45)] = 15.0
     """Maximum steering angle of the integral term [deg]. Assumed value, sufficient for a side slope of 20 deg."""
     tunable: ClassVar = {
@@ -187,7 +187,7 @@ class Lqr(Integrating):
         "rate_deg_s": (3.0, 60.0),
         "integral_m_s": (0.1, 3.0),
     }
-    """Search ranges of the gains."""
+    """Search ranges for tuning the gains."""
 
     def memory(self) -> LqrState:
         """Return the initial state, with delayed commands of zero and without gains."""
@@ -207,7 +207,7 @@ class Lqr(Integrating):
         return memory._replace(table=_table(self, machine))
 
     def parameters(self, limits: CommandLimits, machine: TractorParameters) -> LqrLaw:
-        """Return the parameters of the compiled tick for a tractor."""
+        """Return the parameters for a tractor that are passed to the compiled function of a tick."""
         return LqrLaw(limits, *self._limits, slip_of(self, machine))
 
     @property
@@ -215,7 +215,7 @@ class Lqr(Integrating):
         return radians(self.approach_deg), radians(self.integral_limit_deg)
 
     def gains(self, machine: TractorParameters, speed: float) -> list[float]:
-        """Return the gains of cross-track error, heading error, steering, commands and integral at a speed [m/s]."""
+        """Return the gains of path errors, steering angle, delayed commands and integral at a speed [m/s]."""
         found = _scheduled(_table(self, machine), speed)
         return [float(gain) for gain in found[: (found.size + 1) // 2]]
 
@@ -225,7 +225,7 @@ class Lqr(Integrating):
 
 
 def slip_of(law: Lqr, machine: TractorParameters) -> SteadySlip:
-    """Return the parameters of the steady-state slip for the tyre stiffnesses of a law and a tractor."""
+    """Return the parameters of the steady-state slip of a tractor with the cornering stiffnesses of a law."""
     m, L, l_f, l_r = machine.mass_kg, machine.wheelbase_m, machine.cg_to_front_axle, machine.cg_to_rear_axle
     C_f, C_r = law.front_cornering_stiffness_n_rad, law.rear_cornering_stiffness_n_rad
     return SteadySlip(l_r, m * l_f, L * C_r, m * (l_r * C_r - l_f * C_f) / (L * C_f * C_r), L)

@@ -1,15 +1,15 @@
 """Monitors of the supervisor. A monitor has a signal, a limit, a maximum duration above the limit, and a reason.
 
-The first monitors compare path, steering angle, pedal and speed with their commands, and check the estimator state. The
-other monitors are independent of the estimator. They detect:
+The first monitors compare position, steering angle, pedal and speed with path and commands, and check the estimator
+state. The other monitors are independent of the estimator. They detect:
 - repeated fixes, and fixes that contradict their velocity or dead reckoning;
 - wheels slower than the fixes;
 - a yaw rate that contradicts the steering angle or the course of the fixes;
 - a turn that the gyro does not measure;
 - repeated, missing or inconsistent angles of the inertial unit.
 
-If wheels and fixes agree on a higher speed, this speed replaces the estimated speed. Pedal and wheels that are faster
-than the ground are not monitored, because a blocked tractor is not a sensor fault.
+If wheels and fixes agree on a higher speed, this speed replaces the estimated speed. The speed of pedal or wheels
+may exceed the ground speed, because the wheels of a blocked tractor spin without a sensor fault.
 """
 
 from math import atan, copysign, degrees, inf, isnan, nan, sqrt, tan
@@ -35,12 +35,13 @@ from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 
 OVERSPEED_M_S = 0.15
-"""Speed-independent part of the accepted speed difference [m/s]. Assumed value: four times the measurement noise."""
+"""Constant part of the limits on overspeed and speed difference [m/s]. Assumed value: 4 times the measurement noise."""
 AGREEING = 0.15
-"""Difference up to which wheel speed and fix speed agree, divided by the wheel speed [-]; `OVERSPEED_M_S` is added.
-Assumed value for wheel slip."""
+"""Maximum difference between agreeing wheel and fix speeds, divided by the wheel speed [-], without the constant part
+`OVERSPEED_M_S`. Assumed value that allows for wheel slip."""
 SWAYING_M_S = 0.8
-"""Speed [m/s] below which the course limit increases as 1 / speed. Assumed value for antenna oscillation."""
+"""Speed [m/s] below which the limit of the course monitor increases as 1 / speed, because the antenna oscillates.
+Assumed value."""
 CLOSER_M, STRAYING_M = 0.1, 0.5
 """Limits [m] for a tractor that has not yet been within `max_cross_track_m` of the path. `CLOSER_M`: decrease of the
 minimum distance from the path that counts as an approach. `STRAYING_M`: accepted increase above the minimum distance.
@@ -49,7 +50,7 @@ TURNED_AWAY = 0.3
 """Accepted increase of the distance from the path during a turn towards the path, divided by the turning radius [-].
 Assumed value."""
 DRIFT_SIGMAS = 2.5
-"""Margin of the drift limit, in standard deviations [-]. Assumed value for receivers with a low rate and for ridges."""
+"""Drift-limit margin, in standard deviations of the integration [-]. Assumed value for low fix rates and ridges."""
 MAX_RATIO = 3.0
 """Maximum weight of the time above a limit [-]. The weight is the ratio of signal to limit. Assumed value."""
 
@@ -110,81 +111,87 @@ class SupervisorLimits(Reporting):
     """Limits of the monitors. All defaults are conservative assumed values."""
 
     max_fix_age_s: Positive = 8.0
-    """Maximum time since the newest accepted fix [s]. Assumed value (2-20): 5 s without a fix in a turn cause position
-    errors of 0.2-1 m."""
+    """Maximum time since the newest accepted fix [s]. Assumed value (range 2-20): 5 s without a fix in a turn cause
+    position errors of 0.2-1 m."""
     max_sigma_m: Positive = 1.0
-    """Maximum estimated standard deviation of the position [m]. Assumed value (0.3-2)."""
+    """Maximum estimated standard deviation of the position [m]. Assumed value (range 0.3-2)."""
     max_cross_track_m: Positive = 2.0
     """Maximum estimated cross-track error [m]. A larger initial error is accepted while it decreases. Assumed value
     (0.5-3): less than the width of a swath."""
     max_acquiring_s: Positive = 20.0
-    """Maximum time without an approach to a path farther away than `max_cross_track_m` [s]. Assumed value (10-60)."""
+    """Maximum time without an approach to a path farther away than `max_cross_track_m` [s]. Assumed value (range
+    10-60)."""
     max_nis: Positive = 120.0
-    """Maximum smoothed normalised innovation squared (NIS) of the fixes [-]. Assumed value (30-150): the mean is 2 for
-    a consistent filter and 85 across 3 cm ridges at 2.5 m/s. Wrong fixes, limited to 200 each, give 126 after 5 s."""
+    """Maximum smoothed normalised innovation squared (NIS) of the fixes [-]. Assumed value (range 30-150): the mean is
+    2 for a consistent filter and 85 on 3 cm ridges at 2.5 m/s. Wrong fixes (NIS clipped to 200) give 126 after 5 s."""
     max_steer_mismatch_deg: Positive = 12.0
-    """Maximum difference between commanded and measured steering angle [deg]. Assumed value (5-20)."""
+    """Maximum difference between commanded and measured steering angle [deg]. Assumed value (range 5-20)."""
     steer_mismatch_s: Positive = 2.0
-    """Maximum duration of a steering-angle mismatch [s]. Assumed value (1-4); lock to lock takes 3.5 s."""
+    """Maximum duration of a steering-angle mismatch [s]. Assumed value (range 1-4); lock to lock takes 3.5 s."""
     max_aligning_s: Positive = 15.0
-    """Maximum time from the start until the heading is known [s]. Assumed value (5-30)."""
+    """Maximum time from the start until the heading is known [s]. Assumed value (range 5-30)."""
     max_realigning_s: Positive = 4.0
-    """Maximum time without a known heading after alignment [s]. Assumed value (3-8); realignment takes 2 s."""
+    """Maximum time without a known heading after alignment [s]. Assumed value (range 3-8); realignment takes 2 s."""
     max_overspeed: Positive = 1.25
-    """Maximum ratio of speed to commanded speed [-]. Assumed value (1.2-1.4); fault-free runs reach 1.15."""
+    """Maximum ratio of speed to commanded speed [-]. Assumed value (range 1.2-1.4); fault-free runs reach 1.15."""
     overspeed_s: Positive = 0.3
-    """Maximum duration of an overspeed [s]. Assumed value (0.2-1), one period of oscillation on ridges."""
+    """Maximum duration of an overspeed [s]. Assumed value (range 0.2-1): one period of the speed oscillation on
+    ridges."""
     max_pedal_mismatch: Positive = 0.08
-    """Maximum difference between commanded and measured pedal [-]. Assumed value (0.05-0.15): speed ramps cause a
-    difference of 0.05."""
+    """Maximum difference between commanded and measured pedal position [-]. Assumed value (range 0.05-0.15): speed
+    ramps cause a difference of 0.05."""
     pedal_mismatch_s: Positive = 0.14
-    """Maximum duration of a pedal mismatch [s]. Assumed value (0.1-0.3); a runaway pedal reaches its end in 0.5 s."""
+    """Maximum duration of a pedal mismatch [s]. Assumed value (range 0.1-0.3); a runaway pedal moves to its end in 0.5
+    s."""
     max_pedal_rate_per_s: Positive = 2.2
-    """Maximum plausible rate of the measured pedal position [1/s]. Assumed value (2-5); the pedal moves at 1.5 1/s."""
+    """Maximum plausible rate of the measured pedal position [1/s]. Assumed value (range 2-5); the pedal moves at 1.5
+    1/s."""
     max_wheel_lag_m_s: Positive = 0.35
-    """Maximum excess of fix speed over wheel speed [m/s]. Assumed value (0.2-0.5) for antenna oscillation."""
+    """Maximum fix speed minus wheel speed [m/s]. Assumed value (range 0.2-0.5), which covers antenna oscillation."""
     max_wheel_lag_share: NonNegative = 0.3
-    """Additional accepted excess of fix speed, divided by fix speed [-]. Assumed value (0.2-0.4) for bumps."""
+    """Increase of `max_wheel_lag_m_s` per fix speed [-]. Assumed value (range 0.2-0.4), which covers bumps."""
     wheel_lag_s: Positive = 0.3
-    """Maximum duration of a wheel speed below the fix speed [s]. Assumed value (0.2-0.5): half the period of the
+    """Maximum duration of a wheel speed below the fix speed [s]. Assumed value (range 0.2-0.5): half the period of the
     antenna oscillation."""
     outvoted_s: Positive = 1.0
-    """Maximum duration of an estimated speed below the speed on which wheels and fixes agree [s]. Assumed value
-    (0.5-2), more than one period of the antenna oscillation."""
+    """Maximum time for which the estimated speed may be below the speed on which wheels and fixes agree [s]. Assumed
+    value (range 0.5-2), more than one period of the antenna oscillation."""
     max_angle_mismatch_deg: Positive = 8.0
     """Maximum difference between the measured steering angle and the angle derived from the yaw rate [deg]. Assumed
-    value (6-15) for wear and sideslip."""
+    value (range 6-15), which covers wear and sideslip."""
     max_angle_mismatch_share: NonNegative = 0.4
-    """Additional accepted angle mismatch, divided by the larger of measured and derived angle [-]. Assumed value
-    (0.3-0.6) for sliding wheels."""
+    """Increase of the limit `max_angle_mismatch_deg` per steering angle [-], which is the larger of the measured angle
+    and the angle derived from the yaw rate. Assumed value (range 0.3-0.6), which covers sliding wheels."""
     angle_mismatch_s: Positive = 1.0
-    """Maximum duration of an angle mismatch [s]. Assumed value (0.5-1.5) for the lag of wheels and tyres."""
+    """Maximum duration of a mismatch between steering angle and yaw rate [s]. Assumed value (range 0.5-1.5), which
+    covers the lag of wheels and tyres."""
     max_unseen_turn_deg_s: Positive = 2.0
     """Maximum yaw-rate change derived from the steering angle while the gyro repeats one value for `max_repeat_s`
-    [deg/s]. Assumed value (1-4): a gyro has noise and resolves 0.1 deg/s."""
+    [deg/s]. Assumed value (range 1-4), above the gyro resolution of 0.1 deg/s."""
     max_repeat_s: Positive = 0.4
     """Maximum duration of a repeated position while moving, or of a repeated yaw rate while turning [s]. Assumed value
-    (0.2-1), because real measurements have noise."""
+    (0.2-1): the noise of a working sensor prevents repetition."""
     max_course_mismatch_deg: Positive = 8.0
     """Maximum rotation of the fixes' course relative to the gyro heading [deg]: difference between the means over 2 s
-    and 10 s. The limit increases below 0.8 m/s. Assumed value (6-15): ridges at 3 m/s cause 6 deg, a gyro bias of 1
-    deg/s causes 8 deg."""
+    and 10 s. The limit increases below 0.8 m/s. Assumed value (range 6-15): ridges at 3 m/s cause 6 deg, a gyro bias of
+    1 deg/s causes 8 deg."""
     max_fix_drift_m: Positive = 0.3
-    """Maximum difference between fix position and integrated fix velocity in the last 60 s [m]. The limit is higher for
-    receivers with a low rate and on rough ground. Assumed value (0.3-1): white velocity noise of 3 cm/s causes 0.04
-    m.
+    """Maximum difference between fix positions and integrated fix velocities, accumulated over about 60 s [m]. The
+    limit is higher for receivers with a low rate and on rough ground. Assumed value (range 0.3-1): white velocity noise
+    of 3 cm/s causes 0.04 m.
     """
     max_reckoning_sigma: Positive = 5.0
-    """Maximum distance of a fix from the dead reckoning of the last 30 s, divided by its standard deviation [-].
-    Assumed value (4-6): fault-free runs reach 2, or 4 on a slope of 15 deg at 2 m/s or with a towed implement."""
+    """Maximum distance of a fix from the position by dead reckoning over the last 30 s, in standard deviations [-].
+    Assumed value (range 4-6): fault-free runs reach 2, or 4 on a slope of 15 deg at 2 m/s or with a towed implement."""
     reckoning_s: Positive = 0.6
-    """Maximum duration of a deviation from dead reckoning [s]. Assumed value (0.5-2), longer than the interval between
-    two checked fixes."""
+    """Maximum duration of a deviation of the fixes from dead reckoning [s]. Assumed value (range 0.5-2), longer than
+    the interval between two checked fixes."""
     max_tilt_mismatch_deg: Positive = 6.0
-    """Maximum difference between roll or pitch and the tilt derived from the specific force, mean over 4 s [deg].
-    Assumed value (4-10): an acceleration of 0.5 m/s2 causes 3 deg, ridges of 3 cm at 3 m/s cause up to 4.5 deg."""
+    """Maximum error of roll or pitch relative to the tilt derived from the specific force, averaged over 4 s [deg].
+    Assumed value (range 4-10): 0.5 m/s2 cause 3 deg, ridges of 3 cm at 3 m/s cause up to 4.5 deg.
+    """
     max_attitude_age_s: Positive = 2.0
-    """Maximum time without angles from the inertial unit [s]. Assumed value (1-5), short compared with a turn."""
+    """Maximum time without angles from the inertial unit [s]. Assumed value (range 1-5), short compared with a turn."""
 
     def limits(self, machine: TractorParameters) -> "Limits":
         """Return the limits for a tractor, as numbers for compiled kernels."""
@@ -209,8 +216,8 @@ def checks(
 ) -> Checks:
     """Return signal, limit and maximum duration of all monitors, in order of priority.
 
-    The first monitor above its limit gives the reason for a stop. `reckoned` is the distance of a fix from dead
-    reckoning and its standard deviation [m].
+    The first monitor that requires a stop gives its reason. `reckoned` is the distance of a fix from dead reckoning and
+    the standard deviation of this distance [m].
     """
     attitude = w.attitude
     return (
@@ -226,7 +233,7 @@ def checks(
 
 @jit
 def over(check: tuple[float, float, float], time: float, dt: float) -> float:
-    """Return the weighted time above the limit [s] after `dt` [s]: 0 below it, unchanged for a NaN signal."""
+    """Return the weighted time above a limit [s] after `dt` [s]: 0 for a lower signal, unchanged for a NaN signal."""
     signal, limit, _ = check
     if isnan(signal):
         return time
@@ -298,7 +305,7 @@ def _unseen_turn(most: Limits, e: Estimate, m: Sensed, gyro: GyroEvidence) -> fl
 
 @jit
 def _required_angle(most: Limits, e: Estimate, gyro: float) -> float:
-    """Return the steering angle [deg] required for the measured (or estimated) yaw rate, or NaN at low speed."""
+    """Return the steering angle [deg] for the gyro's (without a gyro, the estimated) yaw rate, or NaN at low speed."""
     rate = e.yaw_rate if isnan(gyro) else gyro
     return degrees(atan(most.wheelbase * rate / e.speed)) if abs(e.speed) > MOVING_M_S else nan
 

@@ -1,16 +1,17 @@
 """Nonlinear model predictive control of the lateral motion; needs casadi (`pip install agrobot-mj[nmpc]`).
 
-Model in the frame of the heading, with cross-track error e_y of the CG and heading minus path tangent e:
+Model in the heading frame of the tractor, with cross-track error e_y of the CG and heading minus path tangent e:
   e_y' = u sin e + v cos e + u b,  e' = gamma - kappa (u cos e - v sin e) / (1 - kappa e_y),
   gamma = u (tan(delta) / L + d),  v = l_r gamma,  tau delta' = delta_c(t - T) - delta,
 with the speed u (constant, negative in reverse), lateral velocity v, yaw rate gamma, steering angle delta, its command
 delta_c, and curvature kappa of the path ahead. A Kalman filter on e_y and e estimates two disturbances, which removes
 the steady-state error: d (curvature: steering bias, slope, slip) and b (crab angle, bias of the estimated heading). The
-decision variables are the rates of the steering command. The cost, summed over the horizon of 2 s, is
-  (e_y / offset)^2 + (course error / heading)^2 + (rate / rate_deg_s)^2
-subject to limits of angle and rate. Warm-started Gauss-Newton steps (sequential quadratic programming) minimise this
-cost [Rawlings2017]. Every tick has exactly two steps, for bounded computing time and repeatable results. In reverse the
-cost contains the errors of the leading rear axle, because each correction first moves the CG away from the path.
+decision variables are the rates of the steering command. The cost, summed over the prediction horizon of 2 s, is
+  (e_y / offset_m)^2 + (course error / heading_deg)^2 + (rate / rate_deg_s)^2
+with scales from `Nmpc`, subject to limits of angle and rate. Warm-started Gauss-Newton steps (sequential quadratic
+programming) minimise this cost [Rawlings2017]. Every tick has two steps, for bounded computing time and repeatable
+results. In reverse the cost contains the errors of the leading rear axle, because a correction first moves the CG away
+from the path.
 """
 
 from collections.abc import Sequence
@@ -34,7 +35,7 @@ STEP_S = 2 * TICK_S  # Time step of the prediction [s]
 STEPS = 20  # Number of steps in the 2 s horizon
 HORIZON_S = STEPS * STEP_S  # Duration of the horizon [s]
 APPROACH = 2 / 3
-"""Maximum decay length (to 1/e) of an error, divided by the distance covered in the horizon [-]. Assumed value."""
+"""Maximum decay length (to 1/e) of a path error, divided by the distance covered in the horizon [-]. Assumed value."""
 ITERATIONS = 2  # Number of Gauss-Newton steps per tick
 DISTURBANCES = np.zeros(4)
 """Initial estimates of cross-track error, heading error, crab angle and curvature disturbance, all zero."""
@@ -59,10 +60,10 @@ class Nmpc(Following):
     steering_lag_s: Positive = 0.7
     """Time constant tau of the closed steering loop [s]. Assumed value (0.25 with a new, 1.3 with a worn valve)."""
     offset_m: Positive = 0.23
-    """Cross-track error that contributes 1 to the cost [m]. Assumed value (0.05-0.5), tuned."""
+    """Cross-track error that contributes 1 to the cost [m]. Assumed value (range 0.05-0.5), tuned."""
     heading_deg: Positive = 5.2
     """Course error that contributes 1 to the cost [deg]. The minimum is `offset_m` divided by two thirds of the
-    distance covered in the horizon. Assumed value (1-10), tuned."""
+    distance covered in the prediction horizon. Assumed value (range 1-10), tuned."""
     rate_deg_s: Positive = 37.0
     """Steering rate that contributes 1 to the cost [deg/s]. Assumed value, tuned; 5-25 if chosen by hand."""
     steer_rate_deg_s: Positive = 25.0
@@ -72,14 +73,15 @@ class Nmpc(Following):
     heading_noise_deg: Positive = 1.0
     """Standard deviation of the estimated heading [deg]. Assumed value for the noise of the EKF."""
     heading_walk_deg_rt_s: NonNegative = 0.3
-    """Random walk of the crab angle [deg/sqrt(s)]. Assumed value (0.1-1): the heading bias changes on each arc."""
+    """Random walk of the crab angle [deg/sqrt(s)]. Assumed value (range 0.1-1): the heading bias changes on each
+    arc."""
     curvature_walk_m_rt_s: NonNegative = 0.0008
-    """Random walk of the curvature disturbance [1/(m sqrt(s))]. Assumed value (0.0005-0.002); higher values cause
+    """Random walk of the curvature disturbance [1/(m sqrt(s))]. Assumed value (range 0.0005-0.002); higher values cause
     oscillation."""
     largest_curvature_m: Annotated[float, Field(gt=0, le=1)] = 0.15
     """Maximum magnitude of the curvature disturbance [1/m]. Assumed value, equivalent to 12 deg of steering."""
     tunable: ClassVar = {"offset_m": (0.02, 0.5), "heading_deg": (1.0, 20.0), "rate_deg_s": (3.0, 60.0)}
-    """Search ranges of the gains."""
+    """Search ranges for tuning the gains."""
 
     def memory(self) -> NmpcState:
         """Return the initial state. Raise `ScenarioError` if casadi is not installed."""
@@ -126,7 +128,7 @@ class Nmpc(Following):
         return solver.solve(memory.rates, p, radians(self.steer_rate_deg_s), (-limit - last, limit - last))
 
     def _sideslips(self, curvatures: list[float], deviation: PathDeviation, situation: Situation) -> list[float]:
-        """Return the sideslip [rad] at the end of each prediction step in reverse, or zeros in forward travel."""
+        """Return the sideslips of the CG [rad] after each prediction step in reverse, or zeros in forward travel."""
         if deviation.direction > 0:
             return [0.0] * STEPS
         l_r, way = situation.machine.cg_to_rear_axle, abs(deviation.speed) * STEP_S
@@ -178,7 +180,7 @@ def _tangent_error(deviation: PathDeviation, situation: Situation) -> float:
 
 
 class _Solver:
-    """Solver of the planned motion: linearised residuals, and a quadratic program for each Gauss-Newton step."""
+    """Solver of the optimal control problem: linearised residuals, and a quadratic program per Gauss-Newton step."""
 
     def __init__(self, ca: Any) -> None:
         rates, p = ca.SX.sym("rates", STEPS), ca.SX.sym("p", 16 + 2 * STEPS)
@@ -198,7 +200,7 @@ class _Solver:
     def solve(self, rates: Array, p: Array, fastest: float, bounds: tuple[float, float]) -> Array:
         """Return the steering rates [rad/s] after the Gauss-Newton steps.
 
-        Their magnitudes are at most `fastest` [rad/s]; their integrals are within `bounds` [rad].
+        The magnitudes of the rates are at most `fastest` [rad/s]; their integrals are within `bounds` [rad].
         """
         for _ in range(ITERATIONS):
             residual, J = (np.array(part) for part in self.linear(rates, p))

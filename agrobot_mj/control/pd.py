@@ -1,8 +1,8 @@
 """Conventional yaw controller: tau_c = k_P e + k_D de/dt.
 
-The error e is reference minus measured yaw rate [rad/s]. The output tau_c [rad], positive left, is limited to the
-maximum steering angle. Source: the paper, section III-B. The default k_D = 0 gives a P controller. The paper's Theorem
-2 divides by k_D and therefore does not apply to the P controller.
+The error e is reference minus measured yaw rate [rad/s]. The output tau_c [rad], positive to the left, is limited to
+the maximum steering angle. Source: the paper, section III-B. The default k_D = 0 gives a P controller. The paper's
+Theorem 2 divides by k_D and therefore does not apply to the P controller.
 """
 
 from typing import ClassVar, Literal
@@ -20,9 +20,9 @@ class Conventional(YawController):
     kd: float = 0.0
     """Derivative gain k_D [rad s2/rad]. Assumed value, tuned; 0 with `gains = "paper"`."""
     derivative_filter_s: NonNegative = 0.2
-    """Time constant of the low-pass filter of the error derivative [s]. Assumed value (0.1-0.5)."""
+    """Time constant of the low-pass filter of the error derivative [s]. Assumed value (range 0.1-0.5)."""
     tunable: ClassVar = {"kp": (0.1, 1.5), "kd": (0.0, 0.3)}
-    """Search ranges of the gains."""
+    """Search ranges for tuning the gains."""
 
     def conventional(self, slope: FilteredRate, e: float, dt: float) -> tuple[FilteredRate, float]:
         """Return the filtered derivative of the yaw-rate error `e` [rad/s], and the controller output tau_c [rad]."""

@@ -1,7 +1,7 @@
 """Controller of the paper: PD in parallel with a fuzzy neural network that learns from the PD output.
 
-Steering angle u = tau_c - tau_n [rad]. The network output tau_n is trained on the PD output tau_c (feedback-error
-learning; the paper, section III-B). The network inputs are the yaw-rate error [rad/s] and its derivative [rad/s2].
+The steering angle is u = tau_c - tau_n [rad]. The network output tau_n is trained on the PD output tau_c
+(feedback-error learning; paper, section III-B). The inputs are the yaw-rate error [rad/s] and its derivative [rad/s2].
 """
 
 from collections.abc import Sequence
@@ -28,23 +28,23 @@ class NeuroState(NamedTuple):
 
 
 class PdNetwork(Conventional):
-    """Base class of the controllers with a PD part and a parallel network of yaw-rate error and error derivative."""
+    """Base class of the controllers with a PD part and, in parallel, a network with the same inputs."""
 
     network: T2Fnn = T2Fnn()
     """Fuzzy neural network and its learning laws."""
     anti_windup: bool = False
     """Whether learning stops while the steering command is limited. Default: false, as in the paper."""
     tunable: ClassVar = {**Conventional.tunable, "network.alpha": (0.005, 0.5)}
-    """Search ranges of the gains."""
+    """Search ranges for tuning the gains."""
 
     def init(self) -> NeuroState:
-        """Return the initial state, without a network."""
+        """Return the initial state; the network is created in the first update."""
         return NeuroState()
 
     def update(
         self, state: NeuroState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[NeuroState, YawCommand]:
-        """Return the new state, trained for `dt` [s], and the steering command for a yaw-rate error [rad/s]."""
+        """Return the new state after training for `dt` [s], and the steering command for a yaw-rate error [rad/s]."""
         e = yaw_rate_error
         slope, tau_c = self.conventional(state.slope, e, dt)
         network = state.network or self.network.start(e, slope.rate)

@@ -26,11 +26,11 @@ class PdIsgn(Conventional):
     kind: Literal["pd_isgn"] = "pd_isgn"
     label: ClassVar = "PD + integral of sgn"
     alpha: Positive = 0.02
-    """Rate of the integral [rad/s]. Assumed value, tuned; 0.02 with `gains = "paper"`, as for `T2Fnn`."""
+    """Rate of the integral [rad/s]. Assumed value, tuned; 0.02 with `gains = "paper"`, as in `T2Fnn`."""
     delta_s: Positive = 0.05
     """Smoothing width of the sign function [rad]. Paper."""
     tunable: ClassVar = {**Conventional.tunable, "alpha": (0.005, 0.5)}
-    """Search ranges of the gains."""
+    """Search ranges for tuning the gains."""
 
     def init(self) -> IntegralState:
         """Return the initial state, with an integral of zero."""

@@ -32,11 +32,11 @@ class Pi(YawController):
     kind: Literal["pi"] = "pi"
     label: ClassVar = "PI"
     kp: NonNegative = 0.7
-    """Proportional gain k_P [rad s/rad]. Assumed value, tuned with law `kinematic`; limit cycles begin at about 1.5."""
+    """Proportional gain k_P [rad s/rad]. Assumed value, tuned with `kinematic`; limit cycles occur above about 1.5."""
     ki: NonNegative = 0.2
     """Integral gain k_I [rad/rad]. Assumed value, tuned; 0.2 with k_P 0.4 causes a limit cycle with a worn valve."""
     tunable: ClassVar = {"kp": (0.1, 1.5), "ki": (0.0, 1.5)}
-    """Search ranges of the gains."""
+    """Search ranges for tuning the gains."""
 
     def init(self) -> PiState:
         """Return the initial state, with an integral of zero."""

@@ -1,8 +1,8 @@
 """PID controller, speed and steering loops, and brake.
 
-Both valves accept 0-12 V and are neutral at 6 V; a higher voltage steers left and moves the pedal forward. The
-structure is from the paper, section V-B: two cascaded PIDs for the speed and an inner loop for the steering. The gains
-are assumed values for the delays, lags and dead bands of `hydraulics` and `driveline`.
+Steering and pedal valve accept 0-12 V and are neutral at 6 V; a higher voltage steers left and moves the pedal forward.
+The structure is from the paper, section V-B: two cascaded PIDs for the speed and an inner loop for the steering. The
+gains are assumed values for the delays, lags and dead bands of `hydraulics` and `driveline`.
 
 The brake is applied when standstill is commanded: a speed of exactly zero, a supervisor stop with neutral pedal, or a
 crawl while the reference is at rest. The hydrostat slows the tractor before the brake is applied. The brake cuts the
@@ -138,7 +138,7 @@ class SpeedLoopLaw(NamedTuple):
 def speed_step(
     p: SpeedLoopLaw, s: SpeedState, speed_ref: float, speed: float, pedal: float, dt: float
 ) -> tuple[SpeedState, float]:
-    """Return the new state and the pedal valve voltage [V] for commanded and measured speed [m/s] and pedal [-]."""
+    """Return the new state and valve voltage [V] for commanded and estimated speed [m/s] and measured pedal [-]."""
     outer, pedal_ref = pid_step(p.outer, s.outer, speed_ref - speed, dt, -1.0, 1.0, p.feedforward * speed_ref)
     return pedal_step(p, SpeedState(outer, s.inner, s.reference), pedal_ref, pedal, dt)
 
@@ -153,7 +153,7 @@ def pedal_step(p: SpeedLoopLaw, s: SpeedState, pedal_ref: float, pedal: float, d
 
 
 class SpeedLoop(Spec):
-    """Cascaded PIDs from speed error through pedal reference to valve voltage (paper, section V-B).
+    """Speed loop of two PIDs: from speed error to pedal reference, from pedal error to voltage (paper, section V-B).
 
     The default gains of the outer PID are inversely proportional to the full speed of the machine.
     """
@@ -161,12 +161,12 @@ class SpeedLoop(Spec):
     sized: ClassVar = {key: {"speed": -1} for key in ("feedforward_s_m", "outer.kp", "outer.ki")}
 
     outer: Pid = Pid(kp=0.05, ki=0.1)
-    """Outer PID from speed error [m/s] to pedal reference [-]. Assumed value."""
+    """Outer PID controller, from speed error [m/s] to pedal reference [-]. Assumed value."""
     inner: Pid = Pid(kp=6.0)
-    """Inner PID from pedal error [-] to voltage [V]. Assumed value."""
+    """Inner PID controller, from pedal error [-] to valve voltage [V]. Assumed value."""
     feedforward_s_m: NonNegative = 0.2
-    """Feed-forward pedal divided by the speed reference [s/m]; 0.2 is full pedal at 5 m/s. Assumed value: without
-    feed-forward, the required PID gains cause speed oscillation on compliant tyres."""
+    """Feed-forward pedal position divided by the speed reference [s/m]; 0.2 is full pedal at 5 m/s. Assumed value:
+    without feed-forward, the required PID gains cause speed oscillation on compliant tyres."""
     deadband_compensation_v: NonNegative = 0.25
     """Voltage that compensates the valve's dead band [V]. Assumed value, below the dead band to avoid limit cycles."""
     tolerance: Positive = 0.005
@@ -219,7 +219,7 @@ class SteeringLoop(AngleLoop):
 
     kind: Literal["pid"] = "pid"
     pid: Pid = Pid(kp=20.0, ki=3.0, kd=2.0, derivative_filter_s=0.05)
-    """PID from angle error [rad] to voltage [V]. Assumed value."""
+    """PID controller, from angle error [rad] to valve voltage [V]. Assumed value."""
     deadband_compensation_v: NonNegative = 0.3
     """Voltage that compensates the valve's dead band [V]. Assumed value, below the dead band to avoid limit cycles."""
     tolerance_deg: Positive = 0.1
@@ -245,11 +245,11 @@ class SteeringLoop(AngleLoop):
 
 
 STANDSTILL_S = 1.0
-"""Duration of commanded standstill before the brake is applied [s]. Assumed value, three time constants of the pump."""
+"""Duration of commanded standstill before the brake is applied [s]. Assumed value: three time constants of the pump."""
 STOPPED_S = 2.0
-"""Time from brake application to standstill [s]. Assumed value, twice the braking time from field speed."""
+"""Time from brake application to standstill [s]. Assumed value: twice the braking time from field speed."""
 CRAWL_M_S = 0.1
-"""Speed command [m/s] below which the brake is applied if the reference is at rest. Assumed value for GNSS noise."""
+"""Speed command [m/s] below which the brake is applied if the reference is at rest. Assumed value above GNSS noise."""
 
 
 class BrakeState(NamedTuple):
@@ -268,7 +268,7 @@ class BrakeState(NamedTuple):
         return self.standing_s >= STANDSTILL_S + STOPPED_S
 
     def after(self, command: Command, reference: Reference, dt: float) -> "BrakeState":
-        """Return the brake state `dt` [s] later, for the command to the low-level loops and the path reference."""
+        """Return the brake state `dt` [s] later, for a command to the low-level loops and the reference on the path."""
         return brake_after(self, loop_command_of(command, reference.vx == reference.vy == 0.0), dt)
 
 
@@ -283,7 +283,7 @@ class LoopCommand(NamedTuple):
 
 
 def loop_command_of(command: Command, waits: bool) -> LoopCommand:
-    """Return a command as numbers for compiled kernels; `waits` is whether the path reference is at rest."""
+    """Return a command as numbers for compiled kernels; `waits` states whether the path reference is at rest."""
     steer, speed, steer_voltage, pedal, _ = command
     return LoopCommand(
         steer, speed, nan if steer_voltage is None else steer_voltage, nan if pedal is None else pedal, waits

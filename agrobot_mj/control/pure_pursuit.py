@@ -9,10 +9,10 @@ The arc begins at the position of R predicted for `prediction_s` later at the cu
 compensates the delay and lag of the steering, which would otherwise cause oscillation at speed.
 
 The law works on any path, forward and in reverse. Only the look-ahead distance needs tuning. Where the curvature
-changes, the tractor cuts the corner by about the squared look-ahead distance divided by eight radii. A short distance
-causes oscillation if the lag is not compensated. Side slopes, steering errors and valve dead bands cause an offset. In
-forward travel near the path, an integral of the cross-track error over the distance removes the offset, as in the
-AgOpenGPS family.
+changes, the tractor cuts the corner by about the squared look-ahead distance divided by eight times the radius. A short
+distance causes oscillation if the lag is not compensated. Side slopes, steering errors and valve dead bands cause an
+offset. In forward travel near the path, an integral of the cross-track error over the distance removes the offset, as
+in AgOpenGPS.
 """
 
 from math import atan, copysign, cos, radians, sin, sqrt, tan
@@ -30,11 +30,12 @@ from agrobot_mj.core.signals import PathPoint
 from agrobot_mj.core.spec import NonNegative, Positive
 
 BRISK_M_S = 1.2
-"""Speed below which the look-ahead distance decreases [m/s]. Assumed value, the field speed of the paper."""
+"""Speed below which `lookahead_m` is reduced [m/s]. Assumed value: the field speed in the paper."""
 
 
 MAX_INTEGRATED_M = 0.1
-"""Limit of the integrated cross-track error [m], which prevents windup during an approach. Assumed value."""
+"""Limit to which the integrated cross-track error is clipped [m], to prevent windup during an approach. Assumed
+value."""
 
 
 class PursuitState(NamedTuple):
@@ -53,22 +54,22 @@ class PurePursuit(Integrating):
     lookahead_s: NonNegative = 0.21
     """Increase of the look-ahead distance per speed [s]. Assumed value, tuned; 0.3-2 if chosen by hand."""
     lookahead_m: Positive = 1.8
-    """Speed-independent part of the look-ahead distance at or above `BRISK_M_S` [m]. Assumed value (0.6-2.4), tuned;
-    values below 1 cause oscillation with a worn valve."""
+    """Speed-independent part of the look-ahead distance at or above `BRISK_M_S` [m]. Assumed value (range 0.6-2.4),
+    tuned; values below 1 cause oscillation with a worn valve."""
     prediction_s: Annotated[float, Field(ge=0, le=2)] = 0.46
-    """Prediction time for the start of the arc [s]. Assumed value, tuned: about delay plus lag of the steering."""
+    """Prediction time for the start of the arc [s]. Assumed value, tuned: about the sum of steering delay and lag."""
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 25.0
-    """Maximum angle of approach to a distant path [deg]. Assumed value (20-50); larger angles cause overshoot."""
+    """Maximum angle of approach to a distant path [deg]. Assumed value (range 20-50); larger angles cause overshoot."""
     integral_per_m2: NonNegative = 0.012
     """Integral gain in forward travel [rad/m2]: steering angle divided by the integral of the cross-track error over
-    the distance; 0 disables the integral. Assumed value (0-0.05), tuned."""
+    the distance; 0 disables the integral. Assumed value (range 0-0.05), tuned."""
     tunable: ClassVar = {
         "lookahead_s": (0.2, 3.0),
         "lookahead_m": (0.2, 3.0),
         "prediction_s": (0.0, 1.0),
         "integral_per_m2": (0.001, 0.05),
     }
-    """Search ranges of the gains."""
+    """Search ranges for tuning the gains."""
 
     def memory(self) -> PursuitState:
         """Return the initial state, with an integral of zero."""
@@ -110,7 +111,7 @@ def _arc_to(
     deviation: PathDeviation, goal: PathPoint, beta: float, beyond: float, far: float,
     pose: tuple[float, float, float], predicted: float, turn: float, l_r: float, L: float,
 ) -> float:  # fmt: skip
-    """Return the steering angle [rad] of the arc to a goal `beyond` [m] past a path point, with sideslip `beta` [rad].
+    """Return the steering angle [rad] of the arc to a goal `beyond` [m] past a path point with sideslip `beta` [rad].
 
     The arc begins at the `pose` of the rear axle after travelling `predicted` [m] while turning by `turn` [rad].
     """

@@ -1,21 +1,21 @@
 """Dead reckoning by wheels and gyro for the supervisor, starting at fixes of the last 30 s.
 
-The path of the rear axle R and its derivative with respect to the tyre compliance C are sums over wheel speed w, yaw
+The path of the rear axle R and its derivative with respect to the tyre compliance C follow from wheel speed w, yaw
 rate r and roll,
 
   dq = w exp(j (phi + beta)) dt,  dh = j f dq,    phi' = r,  beta = -C f,  f = w r + g sin(roll) + p sin(gamma)
 
 in a frame at an unknown angle, with the pull p of a working implement at the angle gamma to the tractor. A reference is
 an extrapolation from an earlier fix, with seven states: position x, y of R, angle theta of this frame, gyro bias b,
-wheel scale k, and corrections kappa of the sideslip and c of the compliance. Between two fixes
+wheel-scale error k, and corrections kappa of the sideslip and c of the compliance. Between two fixes
 
   x + j y += exp(j (theta + kappa)) ((1 - k) dq - c dh),    theta -= b dt
 
-All states have random walks, which increase in turns with a large side force f for k and kappa. Fixes and two-antenna
-headings update reference 0. Every 5 s a copy of reference 0 starts a new reference, which receives no fix for 30 s. A
-fix must be consistent with all references (integrity monitoring by extrapolation [Diesel1995]). The comparison detects
-errors common to position and velocity, and jumps during a gap. Without a gyro, the antenna heading or the steering
-angle gives the yaw rate. Without wheel speed or with spinning wheels, the fixes give the speed. SI units.
+All states have random walks; the random walks of k and kappa increase in turns and at large side forces f. Fixes and
+two-antenna headings update reference 0. Every 5 s a copy of reference 0 starts a new reference, which receives no fix
+for 30 s. A fix must be consistent with all references (integrity monitoring by extrapolation [Diesel1995]). This check
+detects errors common to position and velocity, and jumps during gaps. Without a gyro, the antenna heading or the
+steering angle gives the yaw rate. Without wheel speed or with spinning wheels, the fixes give the speed. SI units.
 """
 
 from cmath import exp as turn
@@ -39,25 +39,25 @@ MEMORY_S, RENEWAL_S = 30.0, 5.0
 """Lifetime of a reference and interval between the starts of references [s]. Assumed values."""
 HISTORY_TICKS = 101  # Number of ticks for which sums are stored: fixes arrive up to 5 s late
 START_M = 1.5
-"""Minimum distance between the two fixes for the initial heading [m]. Assumed value for an accuracy of 3 deg."""
+"""Minimum distance between the two fixes that give the initial heading [m]. Assumed value for an accuracy of 3 deg."""
 POSITION_SIGMA, TILT_SIGMA, UNKNOWN_TILT_SIGMA = 0.03, 0.02, 0.06
 """Standard deviations [m] of a fix, and of the antenna position due to tilt with and without an inertial unit. Assumed
-values: 2 cm for the fix; 0.6 and 2 deg at a height of 2 m."""
+values: above the receiver noise of 2 cm; tilt errors of 0.6 and 2 deg at a height of 2 m."""
 LOOSE_SIGMA, LOOSE_FIXES = 0.35, 40.0
-"""Standard deviation of a fix below FIX quality [m], and number of consecutive fixes with equal error [-]. Assumed
-values: a float solution, correlated for 20 s."""
+"""Standard deviation of a fix that is not RTK-fixed [m], and number of consecutive fixes with equal error [-]. Assumed
+values for a float solution, whose error is correlated for 20 s."""
 HEADING_SIGMA = radians(0.35)  # Standard deviation of a two-antenna heading [rad]. Assumed value.
 START_SIGMAS = (0.04, 0.04, radians(3.0), radians(0.3), 0.05, radians(2.0), radians(0.25))
-"""Initial standard deviations of the states, in the units of `References.means`. Assumed values for two fixes, a cold
-gyro, worn tyres and soil."""
+"""Initial standard deviations of the states, in the units of `References.means`. Assumed values for position and
+heading from two fixes, a gyro before warm-up, and worn tyres on soil."""
 POSITION_WALK, ANGLE_WALK, BIAS_WALK, COMPLIANCE_WALK = 0.005, radians(0.03), radians(0.003), radians(0.01)
 """Random walks of position [m/sqrt(s)], frame angle theta [rad/sqrt(s)], gyro bias [rad/s/sqrt(s)] and tyre compliance
 [rad s2/m/sqrt(s)]. Assumed values for antenna oscillation, gyro noise, gyro warm-up and changes of the ground."""
 HITCH_SIGMA = radians(2.0)
-"""Standard deviation of the modelled hitch angle [rad]. Assumed value for the sideslip of tractor and implement."""
+"""Standard deviation of the modelled hitch angle [rad]. Assumed value that covers sideslip of tractor and implement."""
 ROCKING_FACTOR = 2.0
-"""Standard deviation of the antenna position, divided by the mean amplitude of its oscillation [-]. Assumed value,
-because the measured angles lag the oscillation."""
+"""Standard deviation of the antenna-position error due to tilt oscillation, divided by the mean distance of the antenna
+from its mean position [-]. Assumed value, above 1 because the measured angles lag the oscillation."""
 HEADING_GATE = 5.0  # Number of standard deviations above which a heading is rejected [-]. Assumed value.
 
 
@@ -68,7 +68,7 @@ class References(NamedTuple):
     """States of all references of the dead reckoning at the last checked fix; fixes update only the first reference."""
 
     means: Matrix
-    """Means of x, y [m], theta [rad], gyro bias [rad/s], wheel scale, sideslip and compliance error, shape (n, 7)."""
+    """Means of x, y [m], theta [rad], gyro bias [rad/s], wheel-scale, sideslip and compliance errors, shape (n, 7)."""
     covariances: Covariances  # Covariances of the states in `means`, shape (n, 7, 7)
     begun: Vector  # Start time of each reference [s], shape (n,). Later fixes update only the first reference.
 
@@ -85,9 +85,9 @@ class References(NamedTuple):
 def _followed(
     r: References, last: Sums, at: Sums, fix: Fix, heading: float, variance: float, sharing: float
 ) -> tuple[References, float, float]:
-    """Return the references after a fix, and distance and sigma of the fix from the least consistent reference [m].
+    """Return the references after a fix, and distance and sigma [m] of the fix from the least consistent reference.
 
-    `variance` [m2] belongs to the position of the fix; `sharing` is the number of consecutive fixes with equal error.
+    `variance` [m2] is the variance of the fix position; `sharing` is the number of consecutive fixes with equal error.
     `heading` is the measured heading minus the integrated yaw rate [rad], or NaN if not measured.
     """
     means, P = r.means.copy(), r.covariances.copy()
@@ -115,7 +115,7 @@ def _followed(
 
 @jit
 def _predict(mean: Vector, P: Matrix, last: Sums, at: Sums) -> None:
-    """Predict mean and covariance of a reference from the sums `last` to the sums `at`, in place."""
+    """Predict the mean and covariance of a reference in place, from the sums `last` to the sums `at`."""
     dt, dq, dh, turned_s = at.t - last.t, at.path - last.path, at.bent - last.bent, at.gyro_s - last.gyro_s
     theta, b, k, kappa, c = mean[2], mean[3], mean[4], mean[5], mean[6]
     ahead = turn(1j * (theta + kappa - 0.5 * b * turned_s))

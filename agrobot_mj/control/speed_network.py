@@ -26,11 +26,13 @@ class SpeedNetwork(Spec):
     """Proportional speed controller in parallel with the paper's fuzzy neural network."""
 
     kp: NonNegative = 0.2
-    """Proportional gain k_P [-]. Assumed value (0.05-0.5); a value of 1 would double the gain of the speed loop."""
+    """Proportional gain k_P [-]. Assumed value (range 0.05-0.5); a value of 1 would double the gain of the speed
+    loop."""
     derivative_filter_s: NonNegative = 0.2
     """Time constant of the low-pass filter of the error derivative [s]. Assumed value, as for the yaw controller."""
     bound_m_s: Positive = 0.3
-    """Maximum correction of the speed command [m/s]. Assumed value (0.1-0.6), half of `CascadeLaw.saturation_m_s`."""
+    """Maximum correction of the speed command [m/s]. Assumed value (range 0.1-0.6): half of
+    `CascadeLaw.saturation_m_s`."""
     network: T2Fnn = T2Fnn(alpha=0.01)
     """Fuzzy neural network and its learning laws; the learning rate alpha has the unit [m/s2] here."""
 

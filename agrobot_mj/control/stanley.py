@@ -1,4 +1,4 @@
-"""Stanley law: the front wheels are aligned with the path and turned towards it by the offset of the front axle.
+"""Stanley law: the front wheels are aligned with the path and, if the front axle is offset, turned towards it.
 
 Forward:  delta = delta_ff - (psi - psi_ref) - atan(k e_f / (u_0 + u)) - k_d (r - r_ref),  with the heading psi, speed u
 and yaw rate r. e_f is the offset of the front axle from its error-free position, measured across its error-free course.
@@ -9,13 +9,13 @@ e_f / u on a machine of any length. Without damping, large errors cause sustaine
 rate limit. Source: [Hoffmann2007].
 
 In reverse the front axle trails and this feedback is unstable. The law then uses the rear axle:  delta = delta_ff + h
-(psi - psi_ref) - atan(k e_r / (u_0 + |u|)).  It is stable for h > 0, k > 0: with l = L / h the error satisfies e'' + e'
-/ l + k e / (L |u|) = 0 with respect to distance.
+(psi - psi_ref) - atan(k e_r / (u_0 + |u|)).  This law is stable for h > 0, k > 0: with l = L / h the error satisfies
+e'' + e' / l + k e / (L |u|) = 0 with respect to distance.
 
-Side slopes, steering errors and valve dead bands would cause an offset of about (angle) u / k. In forward travel the
-integral v removes the offset:  v = -k_i integral of (e_f' + u sin(atan(k e_f / (u_0 + u)))) dt,  the measured minus the
-expected motion of the front axle. v is frozen during an approach at a large angle, while the wheels lag the command,
-and while the command is at its limit. v is also frozen until the heading is known; until then the supervisor steers.
+Side slopes, steering errors and valve dead bands would cause an offset of u / k per radian of angle error. In forward
+travel the integral v removes the offset:  v = -k_i integral of (e_f' + u sin(atan(k e_f / (u_0 + u)))) dt,  the
+measured minus the expected motion of the front axle. v is frozen during an approach at a large angle, while the wheels
+lag the command, while the command is at its limit, and until the heading is known (until then the supervisor steers).
 """
 
 from math import atan, isnan, nan, radians, sin, tan
@@ -105,7 +105,7 @@ def _tick(
     p: Held[StanleyLaw], memory: StanleyState, last: tuple[float, float], samples: Matrix, seen: Situated, r: Reference,
     dt: float,
 ) -> tuple[StanleyState, Followed, float]:  # fmt: skip
-    """Return the new state, the results and the maximum required arc length [m] of a tick on a sampled path.
+    """Return the new state, the command with path errors, and the maximum arc length [m] needed on a sampled path.
 
     `last` contains the last direction of travel and the last speed command [m/s].
     """
@@ -128,23 +128,25 @@ class Stanley(Integrating):
     label: ClassVar = "Stanley"
     compiled = staticmethod(_tick)
     gain_per_s: Positive = 0.91
-    """Gain k: approach speed per axle offset [1/s]. Assumed value (0.3-1), below 1 / (4 T) for a steering lag T."""
+    """Gain k: lateral approach speed per lateral offset of the axle [1/s]. Assumed value (range 0.3-1), below 1 / (4 T)
+    for a steering lag T."""
     softening_m_s: NonNegative = 0.99
-    """Softening speed u_0 [m/s], which reduces the gain at low speed. Assumed value (0-1)."""
+    """Softening speed u_0 [m/s], which reduces the gain at low speed. Assumed value (range 0-1)."""
     yaw_damping_s: NonNegative = 0.54
-    """Damping k_d: steering angle per yaw-rate error in forward travel [s]. Assumed value (0.2-0.8): steering lag."""
+    """Damping k_d: steering angle per yaw-rate error in forward travel [s]. Assumed value (range 0.2-0.8): steering-lag
+    time."""
     reverse_heading_gain: Positive = 1.5
-    """Gain h: steering angle per heading error in reverse [-]. Assumed value (1-2); critically damped at 1 m/s."""
+    """Gain h: steering angle per heading error in reverse [-]. Assumed value (range 1-2): critical damping at 1 m/s."""
     integral_per_m: Annotated[float, Field(ge=0, le=1)] = 0.083
     """Integral gain k_i: steering angle per unexpected motion of the front axle in forward travel [rad/m]. Assumed
-    value (0-0.3)."""
+    value (range 0-0.3)."""
     tunable: ClassVar = {
         "gain_per_s": (0.1, 2.0),
         "softening_m_s": (0.0, 1.0),
         "yaw_damping_s": (0.0, 1.5),
         "integral_per_m": (0.02, 0.5),
     }
-    """Search ranges of the gains."""
+    """Search ranges for tuning the gains."""
 
     def memory(self) -> StanleyState:
         """Return the initial state, with an integral of zero."""
@@ -153,7 +155,7 @@ class Stanley(Integrating):
     def steering(
         self, memory: StanleyState, deviation: PathDeviation, situation: Situation, dt: float
     ) -> tuple[StanleyState, float]:
-        """Return the new state and the steering angle [rad]: feed-forward, heading error, axle offset and integral."""
+        """Return the new state and the steering angle [rad] before limits, computed as in the module docstring."""
         e = situation.estimate
         pose, gains = (e.x, e.y, e.yaw), self.gains(situation.machine)
         return _steering(gains, memory, deviation, pose, e.speed, e.yaw_rate, e.aligned, situation.steer, dt)
@@ -164,5 +166,5 @@ class Stanley(Integrating):
         return Gains(*gains, m.cg_to_front_axle, m.cg_to_rear_axle, m.wheelbase_m)
 
     def parameters(self, limits: CommandLimits, machine: TractorParameters) -> StanleyLaw:
-        """Return the parameters of the compiled tick for a tractor."""
+        """Return the parameters of the compiled tick function for the given command limits and tractor."""
         return StanleyLaw(limits, self.gains(machine))

@@ -14,7 +14,8 @@ from agrobot_mj.machine.implements import TowedImplement
 from agrobot_mj.machine.tractor import GRAVITY
 
 COMPLIANCE = radians(0.8)
-"""Modelled tyre compliance: sideslip per lateral specific force [rad s2/m]. Assumed value: 0.5 deg s2/m on soil."""
+"""Tyre compliance: sideslip per lateral specific force [rad s2/m]. Assumed value for firm ground (soil: 0.5 deg
+s2/m)."""
 CLIMB_SLIP = 0.01
 """Modelled wheel slip on a climb divided by the gravity along the slope [s2/m]. Assumed value for firm ground."""
 COMPASS_S = 5.0
@@ -22,24 +23,24 @@ COMPASS_S = 5.0
 BRIDGED_SIGMA = radians(0.15)
 """Standard deviation added to the frame angle theta when the gyro fails [rad]. Assumed value for averaged headings."""
 SIDESLIP_WALK, SLIP_WALK = (radians(0.04), radians(0.12)), (0.002, 0.003)
-"""Random walks of sideslip [rad] and wheel scale [-], each as a pair: per sqrt(s) of time and per sqrt(rad) of
+"""Random walks of sideslip [rad] and wheel-scale error [-], each as a pair: per sqrt(s) of time and per sqrt(rad) of
 rotation. Assumed values for six machines on level, rough, sloping and soft ground."""
 SLIDING, UNKNOWN_FORCE = 2.4, 3.5
-"""Specific force at which the random walks of sideslip and wheel scale are doubled [m/s2], and specific force assumed
+"""Specific force at which the random walks of sideslip and wheel scale double [m/s2], and specific force assumed
 without an inertial unit [m/s2]. The increase of the random walks is proportional to the fourth power of the force.
 Assumed values for slopes of 15 deg, on which tyres begin to slide."""
 DRAUGHT = 3.0
-"""Pull of a working implement, divided by the mass on the rear axle [m/s2]. Assumed value: the draught is one sixth of
-the tractor's weight (0.1-0.3)."""
+"""Pull of a working implement, divided by the mass on the rear axle [m/s2]. Assumed value: the draught is one sixth
+(range 0.1-0.3) of the tractor's weight."""
 HOPPING = 0.3
 """Variation of the vertical specific force divided by g [-] that doubles the random walks of sideslip and wheel scale.
-Assumed value: 3 cm ridges cause 0.3 at 1.8 m/s and 1 at 3 m/s (sideslip of 7 deg), other ground at most 0.15."""
+Assumed value: 3 cm ridges cause 0.3 at 1.8 m/s and 1 at 3 m/s, other ground at most 0.15."""
 ROCKING_S = 2.0  # Time constant for averaging the antenna oscillation and the vertical force [s]. Assumed value.
 SPEEDS_S = 1.0  # Time constant for smoothing wheel and fix speeds before comparison [s]. Assumed value.
 SLIPPING = 0.97  # Ratio of fix speed to wheel speed below which the wheels spin [-]. Assumed value.
 SPINNING = 0.9
-"""Ratio of fix speed to wheel speed [-] below which the random walk of the wheel scale increases. Assumed value, below
-`SLIPPING` because the smoothed speeds lag."""
+"""Ratio of fix speed to wheel speed [-] below which the random walk of the wheel-speed scale error increases. Assumed
+value, below `SLIPPING` because the smoothed speeds lag."""
 STANDING_M_S = 0.05  # Wheel speed below which the tractor is at rest and its yaw rate is zero [m/s]. Assumed value.
 STEERED_WALK = radians(1.5)
 """Random walk of the frame angle theta while the steering angle gives the yaw rate [rad/sqrt(s)]. Assumed value."""
@@ -53,7 +54,7 @@ class Compass(NamedTuple):
     rate: float = 0.0  # Rate of change of `angle`, the negative gyro error [rad/s]
 
     def after(self, shown: float, dt: float) -> "Compass":
-        """Return the state after `dt` [s]; `shown` is the measured difference [rad], or NaN without a heading."""
+        """Return the state after `dt` [s]; `shown` is the measured angle difference [rad], or NaN without a heading."""
         if not isfinite(self.angle):
             return Compass(shown, 0.0)
         angle = self.angle + self.rate * dt
@@ -74,14 +75,14 @@ class Sums(NamedTuple):
     path: complex = 0j  # Position of the rear axle in the frame of the dead reckoning, x + j y [m]
     bent: complex = 0j  # Derivative of `path` with respect to the tyre compliance [m2/s2]
     sideslip: float = 0.0  # Accumulated variance of the random walk of the sideslip [rad2]
-    slip: float = 0.0  # Accumulated variance of the random walk of the wheel scale [-]
+    slip: float = 0.0  # Accumulated variance of the random walk of the wheel-scale error [-]
     lever: complex = 0j  # Position of the antenna relative to the rear axle, in the frame of `path` [m]
     behind: complex = 0j
     """Position of an antenna on the implement relative to the rear axle [m], or 0 for an antenna on the tractor."""
     rest: complex = 0j  # Mean of `lever`, the antenna position, over `ROCKING_S` [m]
     rocking: float = 0.0  # Mean distance of the antenna from its mean position `rest` [m]
     swing: float = 0.0
-    """Angle of the drawn implement to the tractor [rad], from the path of the rear axle; 0 without this implement."""
+    """Angle of the drawn implement to the tractor [rad], from the path of the rear axle, or 0 if there is none."""
     hopping: float = 0.0
     """Mean variation of the vertical specific force, divided by g [-], or 0 if the force is not measured."""
     wheels: float = 0.0  # Smoothed wheel speed at the times of the fixes [m/s]
@@ -175,7 +176,7 @@ def _turn(
 
 @jit
 def _speed(s: Sums, m: Sensed) -> float:
-    """Return the speed of the rear axle [m/s]: the wheel speed, reduced during wheel spin, or else the fix speed."""
+    """Return the speed of the rear axle [m/s]: wheel speed, reduced during wheel spin; if not measured, fix speed."""
     if not isfinite(m.wheel_speed):
         return copysign(s.fixes, m.pedal)
     return m.wheel_speed * s.fixes / (SLIPPING * s.wheels) if s.fixes < SLIPPING * s.wheels else m.wheel_speed

@@ -1,9 +1,9 @@
 """Supervisor, which monitors autonomous driving and performs a controlled stop if a signal exceeds its limit.
 
 `monitors` lists the monitored signals, which a real guidance computer can measure. Until the heading is known, the
-tractor slowly follows the curvature of the path. Without fixes the speed is unknown and the pedal is frozen. If a
-signal exceeds its limit, the pedal returns to neutral and the run ends as `stopped`, with the reason. If the pedal is
-faulty or the tractor does not come to rest, the power of the pedal valve is cut. Configured in `[supervisor]`.
+tractor slowly follows the curvature of the path. Without fixes the speed is unknown and the pedal is frozen. During a
+controlled stop the pedal returns to neutral; the run ends as `stopped`, with the reason. If the pedal is faulty or the
+tractor does not come to rest, the power of the pedal valve is cut. The scenario table is `[supervisor]`.
 """
 
 from collections.abc import Sequence
@@ -33,14 +33,15 @@ from agrobot_mj.core.signals import Column, Command, Estimate, Fix, Measurement,
 from agrobot_mj.core.spec import NonNegative, Positive
 
 MIN_STEERING_RATE = radians(4.0)
-"""Minimum rate of wheels that follow their command, even with a worn valve [rad/s]. Assumed value."""
+"""Minimum steering rate of wheels that follow their command, even with a worn valve [rad/s]. Assumed value."""
 MIN_PEDAL_RATE = 0.15
-"""Minimum rate of a pedal that follows its command [1/s]. Assumed value, for a lag of at most `max_pedal_mismatch`."""
+"""Minimum rate of a pedal that moves towards its command [1/s]. Assumed value."""
 STEERING_RATE_S = 0.5
-"""Time constant for smoothing the measured steering rate [s]. Assumed value; noise of 0.3 deg causes 0.6 deg/s."""
+"""Time constant for smoothing the measured steering rate [s]. Assumed value: noise of 0.3 deg then causes 0.6 deg/s."""
 SLOWING_M_S2 = 0.5  # Deceleration of the tractor after a decrease of the speed command [m/s2]. Assumed value.
 SPEED_LAG_S = 0.8
-"""Delay of the speed after a lower speed command [s]. Assumed value (0.5-1) for pedal, pump and speed loop."""
+"""Delay of the tractor speed after a lower speed command [s]. Assumed value (range 0.5-1) for pedal, pump and speed
+loop."""
 STANDING_M_S = 0.15  # Speed below which the tractor is at rest [m/s]. Assumed value, four times the measurement noise.
 OVERDUE_S = 1.0  # Maximum time from neutral pedal to standstill [s]. Assumed value, three time constants of the pump.
 
@@ -84,13 +85,14 @@ class Supervisor(SupervisorLimits):
     """Axis of the gyro assumed in dead reckoning: `vertical`, or `body` for an axis fixed to the tractor."""
     coasting_after_s: Positive = 0.6
     """Maximum time since the newest fix before the tractor coasts with a constant pedal position [s]. Assumed value
-    (0.3-1), a few missing fixes."""
+    (0.3-1): a few missing fixes."""
     aligning_speed_m_s: Positive = 0.8
-    """Speed while the heading is unknown and the tractor follows the path curvature [m/s]. Assumed value (0.5-1.5)."""
+    """Speed while the heading is unknown and the tractor follows the path curvature [m/s]. Assumed value (range
+    0.5-1.5)."""
     stopping_pedal_rate_per_s: Positive = 0.5
-    """Rate at which the pedal returns to neutral [1/s]. Assumed value (0.1-1); a tractor at 1.2 m/s stops in 0.5 s."""
+    """Rate at which the pedal returns to neutral [1/s]. Assumed value (range 0.1-1); from 1.2 m/s this takes 0.5 s."""
     settle_s: NonNegative = 1.5
-    """Time at rest before the run ends with the outcome `stopped` [s]. Assumed value (1-3)."""
+    """Time at rest before the run ends with the outcome `stopped` [s]. Assumed value (range 1-3)."""
 
     def init(self) -> SupervisorState:
         """Return the initial state, in the mode IDLE."""
@@ -155,7 +157,7 @@ class Supervisor(SupervisorLimits):
     def _stopping(
         self, state: SupervisorState, situation: Situation, measured: Measurement, dt: float
     ) -> SupervisorState:
-        """Return the state after a tick of a stop.
+        """Return the state after a tick of a controlled stop.
 
         The pedal returns to neutral. If the tractor does not come to rest, the power of the pedal valve is cut.
         """

@@ -3,9 +3,9 @@
 Inputs: x1, x2 (the yaw-rate error [rad/s] and its derivative [rad/s2]) and the learning error tau_c [rad]. Output:
 tau_n [rad]; the steering angle is tau_c - tau_n. The equations are in `t2fnn_laws`; the state defines the array sizes.
 
-Six guards handle singularities of the printed laws. Comments mark their lines:
-1. centres start around the first input, so that every set contains it (otherwise the network stays inactive, as `16`
-and `16ek` keep x - c constant);
+Six guards handle singularities of the learning laws in the paper. Comments mark the lines of the guards:
+1. centres start around the first input, so that every set contains it (otherwise the network stays inactive, because
+equations `16` and `16ek` keep x - c constant);
 2. denominators have a minimum magnitude and keep their sign (paper);
 3. width updates respect limits and order and keep the input inside each set: a large Euler step cannot overshoot;
 4. q stays within [0, 1]: updates that would leave the interval are omitted (paper);
@@ -40,16 +40,16 @@ class T2Fnn(Spec):
     delta_s: Positive = 0.05
     """Smoothing width of the sign function [rad]. Paper."""
     rules_1: int = Field(3, ge=1, le=50)
-    """Number of fuzzy sets of the first input [-]. Assumed value (2-9)."""
+    """Number of fuzzy sets of the first input [-]. Assumed value (range 2-9)."""
     rules_2: int = Field(3, ge=1, le=50)
-    """Number of fuzzy sets of the second input [-]. Assumed value (2-9)."""
+    """Number of fuzzy sets of the second input [-]. Assumed value (range 2-9)."""
     spread_1: Positive = 0.5
-    """Maximum initial distance of the set centres from the first value of input x1 [unit of x1]. Assumed value (0.1-1),
+    """Maximum initial distance of the set centres from the first input x1 [unit of x1]. Assumed value (range 0.1-1):
     the yaw-rate error of a turn in the wrong direction."""
     spread_2: Positive = 0.5
-    """Maximum initial distance of the set centres from the first input x2 [unit of x2]. Assumed value (0.1-1)."""
+    """Maximum initial distance of the set centres from the first input x2 [unit of x2]. Assumed value (range 0.1-1)."""
     width_lower_1: Positive = 0.6
-    """Initial width of the lower sets of input x1 [unit of x1]. Assumed value; the sets contain the first input."""
+    """Initial width of the lower sets of input x1 [unit of x1]. Assumed value, above the spread."""
     width_upper_1: Positive = 0.9
     """Initial width of the upper sets of input x1 [unit of x1]. Assumed value, above the lower width."""
     width_lower_2: Positive = 0.6
@@ -57,13 +57,13 @@ class T2Fnn(Spec):
     width_upper_2: Positive = 0.9
     """Initial width of the upper sets of input x2 [unit of x2]. Assumed value, above the lower width."""
     d_min: Positive = 0.001
-    """Minimum width of a fuzzy set [unit of the input]. Assumed value, for which a set is almost a point."""
+    """Minimum width of a fuzzy set [unit of the input]. Assumed value, at which a set is almost a single point."""
     d_max: Positive = 100.0
-    """Maximum width of a fuzzy set [unit of the input]. Assumed value, for which a set contains all inputs."""
+    """Maximum width of a fuzzy set [unit of the input]. Assumed value, at which a set contains all inputs."""
     f_init: Positive = 0.01
-    """Magnitude of initial rule consequents [rad]. Assumed value; 0 would move q to its limit in a step (guard 4)."""
+    """Magnitude of initial rule consequents [rad]. Assumed value; 0 would move q to its limit in one step (guard 4)."""
     q_init: Fraction = 0.5
-    """Initial weight q of the lower firing strengths [-]. Assumed value, the middle of [0, 1]."""
+    """Initial weight q of the lower firing strengths [-]. Assumed value: the middle of [0, 1]."""
     centres: Literal["follow", "fixed"] = "follow"
     """Whether the centres of the fuzzy sets follow the inputs (as in the paper) or are fixed."""
     adapt_widths: bool = True

@@ -1,6 +1,6 @@
 """Compiled equations of the type-2 fuzzy neural network: inference, learning laws and their time step.
 
-All functions are pure. Centres and widths have shape (I,) for x1 and (J,) for x2, in the unit of the input; firing W
+All functions are pure. Centres and widths have shape (I,) for x1 and (J,) for x2, in the unit of x; firing strengths W
 and consequents f [rad] have shape (I, J). Source: the paper, section IV. Guards 2, 3 and 5 of `t2fnn` are here.
 """
 
@@ -152,7 +152,7 @@ def inference(s: T2FnnState, x1: float, x2: float) -> float:
 def laws(
     s: T2FnnState, W: tuple[Array, Array], x1: float, x2: float, alpha_sgn: float, floor: float
 ) -> tuple[float, Rates]:
-    """Return the output tau_n [rad] for the firing strengths W, and the learning rates for alpha sgn(tau_c) [rad/s]."""
+    """Return the output tau_n [rad] for firing strengths W, and the parameter rates for alpha sgn(tau_c) [rad/s]."""
     W_lower, W_upper = W
     rates = Rates(
         width_rates(x1, s.c1, s.d1_lower, alpha_sgn, floor),
@@ -234,7 +234,7 @@ def apply_rates(s: T2FnnState, x1: float, x2: float, rates: Rates, dt: float, le
 def tick(
     network: Held[Network], x1: float, x2: float, tau_c: float, dt: float, learn: bool
 ) -> tuple[Held[Network], float, float, Vector]:
-    """Return the network after a tick of `dt` [s], and the output tau_n [rad], q and log values before learning."""
+    """Return the network after a tick of `dt` [s] and, before learning, the output tau_n [rad], q and log values."""
     s, learning = fetched(network)
     bound = learning.input_bound
     x1, x2, tau_c = min(max(x1, -bound), bound), min(max(x2, -bound), bound), min(max(tau_c, -bound), bound)
@@ -247,7 +247,7 @@ def tick(
 
 @jit
 def report_of(s: T2FnnState, W: tuple[Array, Array]) -> Vector:
-    """Return the log values: set centres, set widths, consequents and normalised firing, shape (3 (I + J + I J),)."""
+    """Return the log values: centres, widths, consequents and normalised firing strengths, shape (3 (I + J + I J),)."""
     W_lower, W_upper = W
     rows = (s.c1, s.c2, s.d1_lower, s.d1_upper, s.d2_lower, s.d2_upper, s.f.ravel(), W_lower.ravel(), W_upper.ravel())
     return np.concatenate(rows)

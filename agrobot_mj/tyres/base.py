@@ -1,10 +1,10 @@
 """Base class of tyres, and the input and output of tyre laws.
 
 A tyre is a subclass of `TyreBase` with three parts: `structure` (relaxation, damping, rolling resistance, contact
-patch), `coefficients` (law of a front and of a rear tyre, in SI units), and `native` (settings of MuJoCo contact if it
-replaces the law). Each law is a `TyreLaw`: a named tuple of floats whose methods `force` and `drag` are scalar
-functions, compiled for the physics steps and also usable in plain Python. To add a tyre, write a module with both
-classes, and add the tyre to the union `Tyre`.
+patch), `coefficients` (law of a front and of a rear tyre, in SI units), and `native` (settings of MuJoCo contact if
+this contact replaces the law). Each law is a `TyreLaw`: a named tuple of floats whose methods `force` and `drag` are
+scalar functions, compiled for the physics steps and also usable in plain Python. To add a tyre, write a module with a
+tyre class and a law class, and add the tyre to the union `Tyre`.
 """
 
 from collections.abc import Iterator
@@ -19,13 +19,13 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.bearing import FIRM, Bearing
 
 Relaxation = Annotated[float, Field(gt=0, le=10)]
-"""Relaxation length divided by free radius [-]. Real tyres have 1 to 3; larger values lengthen rig tests."""
+"""Relaxation length divided by free radius [-]. Real tyres have a ratio of 1 to 3; higher ratios lengthen rig tests."""
 ADHERES, SLIDES = 1.0, 3.0
 """Normalised slips (slip times slip stiffness divided by peak force) [-]: at 1, linear springs reach the peak force; at
 3, a brush with parabolic pressure slides completely [Pacejka2012], chapter 3."""
 
 BREAKAWAY_SPEED = 0.1
-"""Rolling speed [m/s] at which bristles break away at twice the normalised slip at rest. Assumed value."""
+"""Rolling speed [m/s] that doubles the normalised slip at which bristles break away. Assumed value."""
 VANISHING = 1e-150  # Minimum slip divided by peak force whose square does not underflow [1/N]
 
 
@@ -72,7 +72,7 @@ class TyreLaw(Protocol):
     """Force law of one tyre: a named tuple of floats that contains the coefficients."""
 
     def force(self, slip: Slip) -> TyreForce:
-        """Return the tyre force at a given slip."""
+        """Return the tyre force for a given slip."""
 
     def drag(self, slip: Slip, direction: float) -> float:
         """Return the motion resistance of the ground at the wheel centre [N]; `direction` is the direction of travel in
@@ -127,7 +127,7 @@ def held_by_grip(rho: float, most: float, v_roll: float) -> float:
 
 
 class Structure(NamedTuple):
-    """Carcass and contact patch of a tyre."""
+    """Parameters of the carcass and contact patch of a tyre."""
 
     relaxation_radii: float = 1.5
     """Relaxation length at static load divided by free radius [-], used if `carcass_share` is 0."""
@@ -163,16 +163,16 @@ class TyreBase(Spec):
 
     @property
     def native(self) -> NativeContact | None:
-        """Settings of MuJoCo contact, or None for a tyre with a force law."""
+        """Settings of MuJoCo's contact, or None for a tyre with a force law."""
         return None
 
     @property
     def judged(self) -> bool:
-        """Whether validation checks compare this tyre with a theory, by acceptance limits."""
+        """Whether validation checks apply acceptance limits to this tyre, instead of only reporting results."""
         return self.native is None
 
     def structure(self) -> Structure:
-        """Return the carcass and contact patch."""
+        """Return the parameters of carcass and contact patch."""
         raise NotImplementedError
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
@@ -197,22 +197,22 @@ class CarcassTyre(TyreBase):
 
     carcass_lateral: CarcassShare = 0.45
     """Lateral stiffness of the carcass divided by the vertical stiffness [-]; the relaxation length is the slip
-    stiffness divided by the lateral stiffness. Assumed value (0.3-0.6), not measured on a small tractor tyre."""
+    stiffness divided by the lateral stiffness. Assumed value (range 0.3-0.6), not measured on a small tractor tyre."""
     carcass_longitudinal: CarcassShare = 0.6
-    """Longitudinal stiffness of the carcass divided by the vertical stiffness [-]. Assumed value (0.4-0.8)."""
+    """Longitudinal stiffness of the carcass divided by the vertical stiffness [-]. Assumed value (range 0.4-0.8)."""
     bristle_damping_s: NonNegative = 0.02
-    """Damping of the carcass divided by its stiffness [s]. Assumed value (0.005-0.05)."""
+    """Damping of the carcass divided by its stiffness [s]. Assumed value (range 0.005-0.05)."""
     patch_half_length_m: NonNegative | None = None
     """Half the contact length [m]. 0: no scrubbing moment. Default: from radius and static deflection of the tyres."""
     load_follows_carcass: bool = True
-    """Whether the load acts at the contact patch, which the lateral force displaces; this reduces the tip-over angle.
-    If false, the load acts in the wheel plane."""
+    """Whether the load acts at the contact patch, which the lateral force displaces. The displacement reduces the
+    tip-over angle. If false, the load acts in the wheel plane."""
     sliding_anisotropy: Fraction = 0.0
-    """Anisotropy of sliding friction [-]. 0: the force opposes the sliding velocity; 1: the force is rotated towards
-    the higher friction, to the direction of maximum dissipation. Assumed value; 1 is the limit for lugs [Goyal1991]."""
+    """Anisotropy of sliding friction [-]. 0: the force opposes the sliding velocity; 1: the force has the direction of
+    maximum dissipation, closer to the axis of higher friction. Assumed value; at most 1 for lugs [Goyal1991]."""
 
     def structure(self) -> Structure:
-        """Return the carcass and contact patch; subclasses add rolling resistance, trail or soil."""
+        """Return the parameters of carcass and contact patch; subclasses add rolling resistance, trail or soil."""
         return Structure(
             bristle_damping_s=self.bristle_damping_s,
             patch_half_length_m=self.patch_half_length_m,

@@ -1,7 +1,7 @@
 """Soil with plastic sinkage: pressure and sinkage of the soil cells below a tyre.
 
 The wheel is a shallow paraboloid with the free radius R lengthwise and the crown radius r_c across. If its lowest point
-is d below the untouched ground, a cell at s ahead and l to the left of this point is under a depth
+is d below the untouched ground, the wheel overlaps a cell at s ahead and l to the left of this point by
 
     D = d - s^2 / 2 R - l^2 / 2 r_c,
 
@@ -12,9 +12,9 @@ kappa, the elastic stiffness K_e of the soil and its plastic sinkage z,
     p = (k_c / b + k_phi) z^n = k z^n                   on untouched soil [Bekker1969]: q = p;
     dz = z_q (z / z_q)^(1 - a) / a d(p / q)             on reloaded soil, z_q = (q / k)^(1/n).
 
-With the last equation, N equal passes have the sinkage z_1 N^(1/a), the multipass law of [Abebe1989] with exponent a.
+With the last equation, N equal passes cause the sinkage z_1 N^(1/a), the multipass law of [Abebe1989] with exponent a.
 Without this equation, soil would remain elastic after the first load. The equation applies where p / q exceeds the
-level of the cell: the maximum since the last unloading, but at most `REVERSAL` times the minimum since then. Soil is
+level of the cell: its maximum since the last unloading, but at most `REVERSAL` times the minimum since then. Soil is
 therefore elastic under a vibrating load. Slip i multiplies the plastic sinkage by (1 + i) / (1 - i / 2) [Lyasko2010].
 The force of a cell is the power conjugate of D: p dA along the normal, p dA s / R against the motion and p dA l / r_c
 towards the opposite side. The work of the wheel along its path is therefore exactly the plastic work of the soil, and
@@ -32,15 +32,15 @@ ITERATIONS = 8  # Maximum number of Newton steps for the pressure on yielding so
 NEAR = 0.05
 """Relative change of the yield pressure below which approximations are used [-].
 
-One Newton step then has an error of 4e-4, which the next physics step corrects, and a cubic polynomial in place of the
-power function an error of 2e-6.
+One Newton step then has an error of 4e-4, which the next physics step corrects. The cubic polynomial that replaces the
+power function has an error of 2e-6.
 """
 REVERSAL = 2.0
 """Maximum pressure of elastic reloading divided by the minimum pressure since the last plastic sinkage [-]. Assumed
 value: a load that decreases by less than half and increases again is not a separate pass."""
 MOST_SLIP = 0.8
-"""Slip above which the sinkage is constant [-], at three times the value without slip. Assumed value: end of known
-curves."""
+"""Slip above which the sinkage is constant [-], at three times the value without slip. Assumed value, at which
+published curves end."""
 
 Cell = tuple[int, int, int]  # Tile, row and column of a stored cell
 
@@ -118,7 +118,7 @@ def load_cell(soil: Bearing, k: float, E: float, factor: float, D: float, before
 
 @kernel
 def harden(n: float, k: float, E: float, trial: float, q: float, z_q: float) -> tuple[float, float]:
-    """Return yield pressure p [Pa] and sinkage z [m] with p + E (z - z_q) = `trial` and z = (p / k)^(1/n)."""
+    """Return the yield pressure p [Pa] and sinkage z [m] for which p + E (z - z_q) = `trial` and z = (p / k)^(1/n)."""
     m, p = 1.0 / n, max(q, 1e-3 * trial)
     sunk = z_q if q > 0.0 else (p / k) ** m
     for _ in range(ITERATIONS):
@@ -153,7 +153,7 @@ def hold_cell(E: float, D: float, cells: AnyArray, at: Cell) -> float:
 
 @kernel
 def yield_cell(soil: Bearing, k: float, E: float, factor: float, D: float, cells: AnyArray, at: Cell) -> float:
-    """Return the pressure on a yielding cell [Pa] and store its state. A cell that is not stored is untouched."""
+    """Return the pressure on a yielding cell [Pa] and store its state. A cell not stored so far is untouched soil."""
     tile, y, x = at
     if tile < 0:
         return load_cell(soil, k, E, factor, D, SoilCell(0.0, 0.0, 0.0, 0.0, 0.0)).pressure

@@ -17,9 +17,9 @@ class Contact(TyreBase):
 
     kind: Literal["contact"] = "contact"
     friction: Positive = 0.8
-    """Sliding friction coefficient [-]. Assumed value (0.6-0.8 in the field)."""
+    """Sliding friction coefficient [-]. Assumed value (range 0.6-0.8 in the field)."""
     impratio: Positive = 1.0
-    """Friction stiffness divided by normal contact stiffness [-], see MuJoCo's option. Assumed value: as in MuJoCo."""
+    """Friction stiffness divided by normal contact stiffness [-]. Assumed value: the default of the MuJoCo option."""
 
     @property
     def native(self) -> NativeContact:

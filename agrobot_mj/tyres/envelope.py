@@ -21,11 +21,11 @@ from agrobot_mj.core.vectors import Vector
 from agrobot_mj.terrain.grid import Ground, height_and_gradient
 
 REACH = 0.8
-"""Half the length of the evaluated ground divided by wheel radius [-]; contact is possible up to 53 degrees ahead."""
+"""Half the length of the evaluated ground divided by the wheel radius [-]; contact is possible up to 53 deg ahead."""
 BLEND = 0.005
-"""Difference of penetrations below which two points share the load [m]. Assumed value: a third of the deflection."""
+"""Difference of penetrations below which two points share the load [m]. Assumed value: 1/3 of the tyre deflection."""
 ALONG = 0.01
-"""Minimum direction component across grid lines [-], below which a horizontal line is treated as parallel to them."""
+"""Minimum component of the horizontal wheel direction across grid lines [-]; smaller components are treated as zero."""
 END, COLUMN, ROW = range(3)
 """Types of segment ends: end of the polyline, crossing of a column of nodes, crossing of a row of nodes."""
 
@@ -102,7 +102,7 @@ def spot_on(a: Node, b: Node, u: float) -> Spot:
 
 @kernel
 def with_place(places: Places, found: Spot) -> Places:
-    """Return the candidates after adding `found`, the next local minimum of the distance."""
+    """Return the candidates after adding `found`, the next local minimum of the distance from the wheel centre."""
     best, beside, ridge, last, gap = places
     if found.distance < best.distance:
         return Places(found, last, gap, found, gap)
@@ -113,7 +113,7 @@ def with_place(places: Places, found: Spot) -> Places:
 
 @kernel
 def first_crossing(origin: float, ahead: float, first: float, spacing: float, reach: float) -> tuple[float, float]:
-    """Return the position of the first crossing of a grid line after `-reach`, and the spacing of crossings [m]."""
+    """Return the position of the first grid-line crossing beyond `-reach`, and the spacing of crossings [m]."""
     if abs(ahead) < ALONG:
         return inf, inf
     start = (origin - reach * ahead - first) / spacing

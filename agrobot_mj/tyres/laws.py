@@ -40,7 +40,7 @@ ROLLING = 0.2  # Rolling speed at which the carcass damping has half of its valu
 LEAST_SHARE = 0.1
 """Minimum ground speed divided by the reference speed of the slip [-], which limits the reported slip ratio to 20."""
 SMALL, SHORTEST = 1e-6, 1e-3
-"""Slip at which the slip stiffness is evaluated [-], and minimum relaxation length, for almost no load [m]."""
+"""Slip at which the slip stiffness is evaluated [-], and minimum relaxation length of an almost unloaded tyre [m]."""
 Pair = tuple[float, float]
 RESTING = 0.001
 """Speed below which the reported slip ratio is the bristle deflection divided by the relaxation length [m/s]."""
@@ -110,7 +110,7 @@ def brush(K_x: Array, a: Array, b: Array) -> tuple[Array, Array]:
 
 
 def with_soil_memory(ground: Ground, bearing: Bearing) -> Ground:
-    """Return the ground with a memory of untouched soil if the soil is plastic. Raises ValueError naming the key."""
+    """Return the ground, with a memory of its soil if the soil is plastic. Raises ValueError for too small cells."""
     if bearing.k_phi <= 0.0:
         return ground
     try:
@@ -120,7 +120,7 @@ def with_soil_memory(ground: Ground, bearing: Bearing) -> Ground:
 
 
 def treads(bearing: Bearing, tractor: TractorParameters) -> tuple[Tread, Tread]:
-    """Return geometry and carcass stiffness of a front and a rear tyre, from the static deflections on firm ground."""
+    """Return the geometry and carcass stiffness of a front and a rear tyre, from static deflections on firm ground."""
     found = []
     for wheel in tractor.wheels:
         R, b, sunk, crown = wheel.radius, wheel.width, wheel.deflection, bearing.crown_share * wheel.width
@@ -182,8 +182,8 @@ def direction_of_travel(v_x: float, rim: float) -> float:
 def rut_share(patch: ContactPatch, s: float) -> float:
     """Return the factor on the motion resistance of the soil for a wheel that also slides sideways [-].
 
-    The factor of a rolling wheel (slip `s` = 0) is 1. A locked or spinning wheel (`s` = 1) forms no rut: its factor is
-    the squared cosine of the angle between motion and heading.
+    The factor of a rolling wheel (slip `s` = 0) is 1. For a locked or spinning wheel (`s` = 1) the factor is the
+    squared cosine of the angle between velocity and wheel heading.
     """
     ahead, aside = patch.v_x * patch.v_x, patch.v_y * s
     return ahead / max(ahead + aside * aside, 1e-12)
@@ -191,7 +191,7 @@ def rut_share(patch: ContactPatch, s: float) -> float:
 
 @kernel
 def carry(tyres: TyreSet, i: int, ground: Ground, patch: ContactPatch, centre: Vector, slip: float) -> Pressed:
-    """Return the ground reaction on wheel `i` at a longitudinal slip, from a tyre spring or from yielding soil."""
+    """Return the ground reaction on wheel `i` for a given longitudinal slip, from a tyre spring or yielding soil."""
     d = patch.penetration
     if d <= 0.0:
         return Pressed(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -237,7 +237,7 @@ def wheel_step(
 ) -> None:
     """Advance wheel `i` by one physics step of `dt` [s]; update its `bristle` (3,), `wrench` (6,) and `report` (6,).
 
-    The wrench acts at the wheel centre. If `whole` is false, only the load of the report is updated.
+    The wrench acts at the wheel centre. If `whole` is false, only the load in `report` is updated.
     """
     patch = find_patch(ground, tyres.radius[i], wheel)
     slipped = min(abs(bristle[0]) / max(tyres.relaxation[i, 0], SHORTEST), 1.0)

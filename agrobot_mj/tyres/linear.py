@@ -1,8 +1,8 @@
 """Linear tyre of the paper: the force is proportional to the slip, without a limit.
 
-The lateral force is equation lateralforces of the paper for one tyre; the longitudinal force has the same form with a
-slip stiffness. The lateral slip is the tangent of the slip angle. Each tyre has half the axle stiffness of the bicycle
-model, so that both plants agree on level ground.
+The lateral force follows the equation `lateralforces` of the paper, for one tyre; the longitudinal force has the same
+form with a slip stiffness. The lateral slip is the tangent of the slip angle. Each tyre has half the axle stiffness of
+the bicycle model, so that both plants agree on level ground.
 """
 
 from collections.abc import Iterator
@@ -13,11 +13,11 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce
 
 STIFFNESS_PER_LOAD = (2.0, 20.0)
-"""Plausible limits of cornering stiffness divided by load [1/rad]. Assumed values: 3.5-9 on soil, 15 on roads."""
+"""Plausible cornering stiffness divided by load [1/rad]. Assumed limits; tyres have 3.5-9 on soil and 15 on roads."""
 
 
 def unlike_a_tyre(key: str, C_alpha: float, load: float) -> str:
-    """Return a message about an implausible `C_alpha` [N/rad] at a load [N], or an empty string if it is plausible.
+    """Return a message about an implausible stiffness `C_alpha` [N/rad] at a load [N], or an empty string if plausible.
 
     The message begins with `key`.
     """
@@ -35,7 +35,7 @@ class LinearLaw(NamedTuple):
     C_alpha: float  # Cornering stiffness [N/rad]
 
     def force(self, slip: Slip) -> TyreForce:
-        """Return the force for a slip. Friction is unlimited: bristles never slide, and the used friction is 0."""
+        """Return the force for a given slip. Friction is unlimited: bristles never slide; the used friction is 0."""
         F_x = -self.C_x * slip.x
         F_l = -self.C_alpha * slip.y  # [agrobots: lateralforces]
         return TyreForce(F_x, F_l, 1.0, 0.0)
@@ -55,21 +55,22 @@ class Linear(TyreBase):
 
     kind: Literal["linear"] = "linear"
     front_cornering_stiffness_n_rad: Positive = 7_400.0
-    """Cornering stiffness C_alpha of one front tyre [N/rad]. Assumed value (5.0e3-9.3e3 for cone indices of 450 to 1800
-    kPa): 1200 kPa in [GeeCloughSommer1981]."""
+    """Cornering stiffness C_alpha of one front tyre [N/rad]. Assumed value (range 5.0e3-9.3e3 for cone indices of 450
+    to 1800 kPa): from [GeeCloughSommer1981] at 1200 kPa."""
     rear_cornering_stiffness_n_rad: Positive = 15_000.0
-    """Cornering stiffness C_alpha of one rear tyre [N/rad]. Assumed value (8.9e3-20e3), as for the front tyre."""
+    """Cornering stiffness C_alpha of one rear tyre [N/rad]. Assumed value (range 8.9e3-20e3), as for the front tyre."""
     front_slip_stiffness_n: Positive = 15_000.0
-    """Longitudinal slip stiffness of one front tyre [N]. Assumed value: 10 times the load (5-15)."""
+    """Longitudinal slip stiffness of one front tyre [N]. Assumed value: 10 times the load (5-15 times)."""
     rear_slip_stiffness_n: Positive = 25_000.0
-    """Longitudinal slip stiffness of one rear tyre [N]. Assumed value: 10 times the load (5-15)."""
+    """Longitudinal slip stiffness of one rear tyre [N]. Assumed value: 10 times the load (5-15 times)."""
     relaxation_radii: Relaxation = 1.5
-    """Relaxation length divided by free radius [-]. Assumed value (0.4-2), not measured on a small tractor tyre."""
+    """Relaxation length divided by free radius [-]. Assumed value (range 0.4-2), not measured on a small tractor
+    tyre."""
     rolling_resistance: NonNegative = 0.0
     """Rolling resistance moment divided by load times rolling radius [-]. Assumed value: 0; in the field 0.045-0.07."""
     bristle_damping_s: NonNegative = 0.02
     """Damping of the carcass divided by its stiffness [s], for a relaxation length of 1.5 radii; the damping is
-    proportional to the relaxation length. Assumed value (0.005-0.05)."""
+    proportional to the relaxation length. Assumed value (range 0.005-0.05)."""
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
         """Yield a message for each cornering stiffness that is implausible at the wheel `loads` [N]."""
@@ -79,7 +80,7 @@ class Linear(TyreBase):
                 yield line
 
     def structure(self) -> Structure:
-        """Return the carcass; the tyre has no contact patch."""
+        """Return the parameters of the carcass; the tyre has no contact patch."""
         return Structure(self.relaxation_radii, self.bristle_damping_s, self.rolling_resistance)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[LinearLaw, LinearLaw]:

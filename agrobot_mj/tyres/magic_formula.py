@@ -1,15 +1,15 @@
 """Tyre with Pacejka's Magic Formula for firm ground, with load dependence and combined slip [Pacejka2012].
 
 In each direction F0 = D sin(C atan(B s - E (B s - atan(B s)))), with the peak D = mu F_z and the slip stiffness K = B C
-D. Grip and stiffness divided by load change linearly with the load: with df = (F_z - F_z0) / F_z0, mu = mu_0 (1 +
+D. Friction and stiffness per load change linearly with the load: with df = (F_z - F_z0) / F_z0, mu = mu_0 (1 +
 mu_load df) and K = F_z k (1 + k_load df). By default the reference load F_z0 is the static load of the wheel, also for
 implements, since larger machines have larger tyres. The linear change is valid between `KNOWN_LOADS`. Camber, ply steer
 and conicity are zero.
 
 Combined slip uses similarity: each slip is normalised by D / K, and the length rho of the normalised slip vector is the
-argument of both pure curves. The force has the direction m, in fractions of both peaks (`base.force_direction`), which
+argument of both pure curves. The force, in fractions of both peaks, has the direction m (`base.force_direction`), which
 changes with rho from the direction of the stiffnesses to the direction against the sliding velocity. The magnitude of
-the force is m_x^2 F0_x / D_x + m_y^2 F0_y / D_y. Therefore (F_x / D_x)^2 + (F_y / D_y)^2 <= 1 for every slip, and each
+this force is m_x^2 F0_x / D_x + m_y^2 F0_y / D_y. Therefore (F_x / D_x)^2 + (F_y / D_y)^2 <= 1 for every slip, and each
 force opposes its slip. The lateral slip enters rho as the angle s_y = atan(slip_y).
 """
 
@@ -25,13 +25,13 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force_direction, held_by_grip
 
 LEAST_SHARE = 0.2
-"""Lower limit of friction and stiffness, relative to their values at the reference load [-]. Assumed value."""
+"""Minimum friction and stiffness per load, relative to their values at the reference load [-]. Assumed value."""
 LINEAR = 1e-4  # Normalised slip below which the force follows from the slip stiffness, within 1e-8 [-]
 NO_PEAK = 1e4  # Upper limit of B s at the peak [-]; curves with E near 1 have no peak below
 NEWTON_STEPS = 60  # Number of steps of Newton's method for B s at the peak, which then converges to rounding
 KNOWN_LOADS = (0.5, 2.0)
-"""Range of load divided by reference load in which the linear change with load is valid [-]. Assumed value: the range
-of a tyre of one size and pressure."""
+"""Range of load divided by reference load [-] in which the linear change of friction and stiffness per load is valid.
+Assumed value: the load range of a tyre of one size and pressure."""
 
 
 class CurveLaw(NamedTuple):
@@ -70,7 +70,7 @@ class MagicLaw(NamedTuple):
     anisotropy: float  # Sliding anisotropy, see `MagicFormula` [-]
 
     def force(self, slip: Slip) -> TyreForce:
-        """Return the force for a combined slip; the friction factor of the ground scales the peak forces."""
+        """Return the force for a given combined slip; the friction factor of the ground scales the peak forces."""
         F_z, along, across = slip.load, self.along, self.across
         df = (F_z - self.F_z0) / self.F_z0
         D_x, K_x = peak_and_stiffness(F_z, df, along)
@@ -98,18 +98,19 @@ class Curve(Spec):
     """Coefficients of the Magic Formula in one direction."""
 
     mu: Annotated[float, Field(ge=0.01, le=10)] = 0.75
-    """Maximum force divided by load, at the reference load [-]. Assumed value (0.6-0.9; laterally 0.5-0.6 on grass)."""
+    """Maximum force divided by load, at the reference load [-]. Assumed value (range 0.6-0.9; lateral 0.5-0.6 on
+    grass)."""
     mu_load: float = -0.08
-    """Relative change of `mu` for a doubled load [-]. Assumed value (-0.2 to 0)."""
+    """Relative change of `mu` for a doubled load [-]. Assumed value (range -0.2 to 0)."""
     stiffness_per_load: Positive = 5.5
-    """Slip stiffness divided by load at the reference load, k [1/rad or 1]. Assumed value: laterally 3.5-6.6 at the
-    front and 3.9-8.7 at the rear for cone indices of 450 to 1800 kPa [GeeCloughSommer1981]; longitudinally 5-15."""
+    """Ratio k of slip stiffness to load at the reference load [1/rad or 1]. Assumed value: lateral 3.5-6.6 at the front
+    and 3.9-8.7 at the rear for cone indices of 450 to 1800 kPa [GeeCloughSommer1981]; longitudinal 5-15."""
     stiffness_load: float = -0.25
-    """Relative change of `stiffness_per_load` for a doubled load [-]. Assumed value (-0.5 to 0)."""
+    """Relative change of `stiffness_per_load` for a doubled load [-]. Assumed value (range -0.5 to 0)."""
     shape: Annotated[float, Field(gt=0.5, le=1.9)] = 1.3
-    """Shape factor C [-]. Assumed value: 1.3 laterally, 1.3-1.65 longitudinally, 1.65 for road tyres [Pacejka2012]."""
+    """Shape factor C [-]. Assumed value: lateral 1.3, longitudinal 1.3-1.65, 1.65 for road tyres [Pacejka2012]."""
     curvature: Annotated[float, Field(ge=-10, le=1)] = -0.3
-    """Curvature factor E [-], at most 1. Assumed value (-2 to 1)."""
+    """Curvature factor E [-], at most 1. Assumed value (range -2 to 1)."""
 
     @property
     def peak(self) -> float:
@@ -138,7 +139,7 @@ class AxleTyre(Spec):
     """Curve of the longitudinal force as a function of the slip ratio [-]."""
 
     def clamped(self, df: float) -> str:
-        """Return a text that names the coefficients limited by `LEAST_SHARE` at a relative load change `df`, if any."""
+        """Return a text on coefficients limited by `LEAST_SHARE` at a relative load change `df`, or an empty text."""
         curves = (self.lateral, self.longitudinal)
         held = {
             "grip": any(1 + curve.mu_load * df < LEAST_SHARE for curve in curves),
@@ -165,12 +166,12 @@ class MagicFormula(CarcassTyre):
     rear: AxleTyre = AxleTyre(lateral=Curve(stiffness_per_load=6.6))
     """Coefficients of the rear tyres. The default lateral stiffness at static load is as in the bicycle model."""
     rolling_resistance: NonNegative = 0.05
-    """Rolling resistance moment divided by load times rolling radius [-]. Assumed value (0.045-0.07)."""
+    """Rolling resistance moment divided by load times rolling radius [-]. Assumed value (range 0.045-0.07)."""
     trail_m: NonNegative = 0.03
-    """Pneumatic trail at small slip, the lever arm of the aligning moment [m]. Assumed value (0.02-0.05)."""
+    """Pneumatic trail at small slip, the lever arm of the aligning moment [m]. Assumed value (range 0.02-0.05)."""
 
     def structure(self) -> Structure:
-        """Return the carcass and contact patch."""
+        """Return the parameters of carcass and contact patch."""
         return super().structure()._replace(rolling_resistance=self.rolling_resistance, trail_m=self.trail_m)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[MagicLaw, MagicLaw]:
@@ -188,6 +189,6 @@ class MagicFormula(CarcassTyre):
                 yield f"{wheel.axle}.reference_load_n: {at}; {known}{tyre.clamped(share - 1)}"
 
     def of_implement(self) -> Self:
-        """Return the tyre with the static load of the implement's wheels as reference load."""
+        """Return the tyre with the static load of the implement's wheels as the reference load."""
         own = {axle: getattr(self, axle).model_copy(update={"reference_load_n": None}) for axle in ("front", "rear")}
         return self.model_copy(update=own)

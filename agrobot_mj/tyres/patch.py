@@ -29,7 +29,7 @@ from agrobot_mj.tyres.bearing import Bearing, Tread
 from agrobot_mj.tyres.envelope import envelope
 
 LOAD, SLIP_ANGLE, SLIP_RATIO, FORCE_X, FORCE_Y, FRICTION_USE = range(6)
-"""Indices of the report of a wheel; the reports of all wheels have the shape (4, 6)."""
+"""Indices of the reported tyre quantities of a wheel; the array of all wheels has the shape (4, 6)."""
 CREEP_SPEED = 0.02
 """Speed [m/s] at which rolling resistance, soil resistance and pneumatic trail have 76 % of their full values."""
 
@@ -43,7 +43,7 @@ class TyreSet(NamedTuple):
     stiffness: Array  # Vertical stiffness [N/m], shape (4,)
     damping: Array  # Vertical damping [N s/m], shape (4,)
     relaxation: Array
-    """Longitudinal and lateral relaxation length [m], shape (4, 2): for the static load, then updated in each step."""
+    """Longitudinal and lateral relaxation length [m], shape (4, 2): initially at static load, updated in each step."""
     springs: Array  # Longitudinal and lateral stiffness of the carcass, shape (4, 2) [N/m]
     twist_stiffness: Array  # Stiffness of the patch against turning [N m/rad], shape (4,), or 0 for no scrubbing moment
     twist_relaxation: Array  # Length over which rolling removes the twist of the patch [m], shape (4,)
@@ -88,7 +88,7 @@ class ContactPatch(NamedTuple):
 
 @kernel
 def down_in_wheel_plane(n: Vector, axle: Vector) -> Vector:
-    """Return the unit vector in the plane of a wheel that points towards ground with the normal `n`."""
+    """Return the unit vector in the plane of a wheel that points towards the ground, which has the normal `n`."""
     return unit(minus(scaled(dot(n, axle), axle), n))
 
 
@@ -166,8 +166,8 @@ def soft_sign(v: float, width: float) -> float:
 def rolling_torque(tyres: TyreSet, i: int, load: float, r_e: float, spin: float, surface: float = 0.0) -> float:
     """Return the rolling resistance torque about the axle of wheel `i` [N m], which opposes the spin.
 
-    The coefficient `surface` of a named surface replaces the coefficient of the tyre, except in laws with soil
-    resistance.
+    `surface` is the rolling resistance coefficient of a named ground surface, or 0. It replaces the coefficient of the
+    tyre, except in tyre laws with soil resistance.
     """
     own = tyres.cone_index > 0.0 or tyres.bearing.k_phi > 0.0 or surface <= 0.0
     share = (tyres.rolling_resistance if own else surface) * float(tyres.carcass[i, 1])

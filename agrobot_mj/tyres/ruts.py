@@ -27,21 +27,21 @@ from agrobot_mj.tyres.soil import OWN_LOSS
 STIFFEST_MPA_M = 1e4
 """Maximum soil stiffness [MPa/m]; with stiffer soil, load and resistance would depend on the physics step."""
 DEEPEST = 1 / 3
-"""Maximum sinkage divided by radius for which the closed-form solution of a rigid wheel is valid [-] [Bekker1969]."""
+"""Maximum sinkage divided by the wheel radius [-] for which the closed-form solution is valid [Bekker1969]."""
 SHEARED = 20.0
-"""Shear displacement divided by the modulus K [-], at which bristles break away at rest with 95 % of the strength."""
+"""Shear displacement at which bristles at rest break away, divided by K [-]. The force is then 95 % of the strength."""
 
 
 @kernel
 def sheared(j: float) -> float:
-    """Return the used fraction of the shear strength [-]; `j` is the displacement at the patch end divided by K."""
+    """Return the used fraction of the shear strength [-]; `j` is the patch-end displacement divided by modulus K."""
     if j < 1e-3:
         return 0.5 * j - j * j / 6.0
     return 1.0 - (1.0 - exp(-j)) / j
 
 
 def rebound_in_range(mpa_m: float) -> float:
-    """Return the soil stiffness `mpa_m` [MPa/m] unchanged. Raises ValueError outside the accepted range."""
+    """Return the soil stiffness `mpa_m` [MPa/m]. Raises ValueError for values outside 1 to `STIFFEST_MPA_M`."""
     if not 1.0 <= mpa_m <= STIFFEST_MPA_M:
         why = "stiffer soil rebounds within one physics step; use a tyre law for firm ground instead"
         raise ValueError(f"must be from 1 to {STIFFEST_MPA_M:g} MPa/m ({why}), got {mpa_m:g}")
@@ -59,7 +59,7 @@ class RutsLaw(NamedTuple):
     anisotropy: float  # Sliding anisotropy, see `Ruts` [-]
 
     def force(self, slip: Slip) -> TyreForce:
-        """Return the force for a combined slip."""
+        """Return the force for a given combined slip."""
         L, A = slip.length, slip.area
         if L <= 0.0:  # elliptical patch on ground without sinkage
             L = 2.0 * sqrt(2.0 * self.radius * slip.deflection)
@@ -82,35 +82,35 @@ class Ruts(CarcassTyre):
 
     kind: Literal["ruts"] = "ruts"
     k_c_kn: NonNegative = 5.27
-    """Cohesive modulus k_c [kN/m^(n+1)]. Assumed value (0-20): sandy loam with 15 % moisture, from [Wong2008]."""
+    """Cohesive modulus k_c [kN/m^(n+1)]. Assumed value (range 0-20): sandy loam with 15 % moisture, from [Wong2008]."""
     k_phi_kn: Positive = 1515.0
-    """Frictional modulus k_phi [kN/m^(n+2)]. Assumed value (200-5000): soil as for k_c."""
+    """Frictional modulus k_phi [kN/m^(n+2)]. Assumed value (range 200-5000) for the same soil as k_c."""
     exponent: Annotated[float, Field(ge=0.1, le=2)] = 0.7
-    """Exponent n of the sinkage [-]. Assumed value (0.1-1.2): soil as for k_c."""
+    """Exponent n of the sinkage [-]. Assumed value (range 0.1-1.2) for the same soil as k_c."""
     cohesion_kpa: NonNegative = 1.72
-    """Cohesion c [kPa]. Assumed value (0-70): soil as for k_c."""
+    """Cohesion c [kPa]. Assumed value (range 0-70) for the same soil as k_c."""
     friction_deg: Annotated[float, Field(gt=0, le=60)] = 29.0
-    """Angle of internal friction phi [deg]. Assumed value (10-38): soil as for k_c."""
+    """Angle of internal friction phi [deg]. Assumed value (range 10-38) for the same soil as k_c."""
     shear_m: Annotated[float, Field(ge=0.001, le=0.2)] = 0.015
     """Shear deformation modulus K [m]. Assumed value (0.01 for firm sand to 0.025 for loose soil)."""
     rebound_mpa_m: Annotated[float, Field(gt=0, le=HUGE), AfterValidator(rebound_in_range)] = 200.0
-    """Elastic stiffness of the soil [MPa/m]. Assumed value (40-400), as in the soils of Project Chrono."""
+    """Elastic stiffness of the soil [MPa/m]. Assumed value (range 40-400), as in the soils of Project Chrono."""
     multipass: Annotated[float, Field(ge=1, le=20)] = 3.0
-    """Exponent a of the multipass law [-]: N equal passes have N^(1/a) times the sinkage of one pass. Assumed value
+    """Exponent a of the multipass law [-]: N equal passes cause N^(1/a) times the sinkage of one pass. Assumed value
     (2-3 for loose soil, 3-5 for firm soil [Abebe1989])."""
     crown_share: Annotated[float, Field(ge=0.2, le=5)] = 1.0
-    """Radius of the tread crown divided by the tyre width [-]. Assumed value (0.7-2)."""
+    """Radius of the tread crown divided by the tyre width [-]. Assumed value (range 0.7-2)."""
     cell_m: Annotated[float, Field(ge=0.02, le=0.1)] = 0.05
     """Side length of the soil cells [m]; half the length needs four times the computing time. Assumed value
-    (0.025-0.06): four cells across a front tyre."""
+    (0.025-0.06), with four cells across a front tyre."""
 
     @property
     def judged(self) -> bool:
-        """Whether theories for firm ground apply to this tyre: False; validation has separate cases for ruts."""
+        """Whether validation checks apply acceptance limits: always False, because the theories assume firm ground."""
         return False
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Yield a message for each wheel that would sink below the valid depth of the pressure-sinkage law."""
+        """Yield a message for each wheel that would sink deeper than the valid range of the pressure-sinkage law."""
         n = self.exponent
         for load, wheel in zip(loads, tractor.wheels, strict=True):
             R, b = wheel.radius, wheel.width
@@ -121,7 +121,7 @@ class Ruts(CarcassTyre):
                 yield f"k_phi_kn: a rigid {wheel.axle} wheel {deep}, more than a third of its radius of {R:.2g} m"
 
     def structure(self) -> Structure:
-        """Return the carcass and contact patch; the rolling resistance is the tyre's internal loss [Brixius1987]."""
+        """Return the parameters of carcass and patch; the rolling resistance is the internal loss [Brixius1987]."""
         bearing = Bearing(
             k_c=1e3 * self.k_c_kn,
             k_phi=1e3 * self.k_phi_kn,

@@ -11,7 +11,7 @@ height, delta the deflection [m], CI the cone index [Pa].
 The term 0.04 in both equations is the internal loss of the tyre, modelled as a rolling-resistance moment. The other
 terms of the motion resistance act at the wheel centre, against the motion. The slip s is relative to the faster of rim
 and ground, so that braking mirrors driving. The traction and lateral force curves are 1 - exp(-rho), with rho^2 = (7.5
-s)^2 + (B alpha)^2 under combined slip. The direction of the force is in fractions of both peaks
+s)^2 + (B alpha)^2 under combined slip. The force direction refers to fractions of both peaks
 (`base.force_direction`): the force stays within the ellipse of the peaks, and a sliding tyre opposes its sliding.
 Sinkage is not modelled.
 
@@ -29,7 +29,7 @@ from agrobot_mj.machine.tractor import AxleWheel, TractorParameters
 from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force_direction, held_by_grip, slip_of_faster
 
 SATURATED = 3.0
-"""Normalised slip rho at which bristles break away at rest [-], with 1 - exp(-3) = 95 % of the friction used."""
+"""Normalised slip rho at which bristles at rest break away [-], at 1 - exp(-3) = 95 % of the available friction."""
 OWN_LOSS = 0.04  # Rolling resistance due to the internal loss of the tyre [-]. [Brixius1987].
 SOFTEST = 3.0
 """Minimum lateral mobility number M for which the lateral fit is used [-]. Assumed value: at this M, B_n is about 8,
@@ -52,7 +52,7 @@ def lateral_number(b: float, d: float, h: float, CI: float, W: float, delta: flo
 def lateral_shape(
     b: float, d: float, h: float, radial: float, CI: float, W: float, delta: float
 ) -> tuple[float, float]:
-    """Return mu [-] and B [1/rad] of the lateral force W mu (1 - exp(-B alpha)) at a slip angle alpha [rad]."""
+    """Return mu [-] and B [1/rad] of the lateral force W mu (1 - exp(-B alpha)) for the slip angle alpha [rad]."""
     M = lateral_number(b, d, h, CI, W, delta)
     strength, M = min(M / SOFTEST, 1.0), max(M, SOFTEST)
     if radial > 0.5:
@@ -71,7 +71,7 @@ class SoilLaw(NamedTuple):
     anisotropy: float  # Sliding anisotropy, see `Soil` [-]
 
     def force(self, slip: Slip) -> TyreForce:
-        """Return the force for a combined slip; the friction factor scales the peak forces, not the slip stiffness."""
+        """Return the force for a combined slip; the ground friction scales the peak forces, not the slip stiffness."""
         W, grip, CI = slip.load, slip.footing.grip, slip.footing.cone_index
         B_n = mobility_number(self.b, self.d, self.h, CI, W, slip.deflection)
         D_x = 0.88 * grip * (1.0 - exp(-0.1 * B_n)) * W
@@ -96,11 +96,11 @@ class Soil(CarcassTyre):
 
     kind: Literal["soil"] = "soil"
     cone_index_kpa: ConeIndex = 1200.0
-    """Cone index CI of the soil [kPa]. Assumed value: 450 tilled, 900 soft, 1200 medium, 1800 firm."""
+    """Cone index CI of the soil [kPa]. Assumed value: 450 (tilled soil), 900 (soft), 1200 (medium) or 1800 (firm)."""
     ply: Literal["bias", "radial"] = "bias"
     """Carcass type [-], which affects motion resistance and lateral force. Default: from the size code, if given."""
     section_height_share: Positive = 0.75
-    """Section height divided by section width of tyres without a size code [-]. Assumed value (0.7-0.85)."""
+    """Section height divided by section width of tyres without a size code [-]. Assumed value (range 0.7-0.85)."""
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
         """Yield a message for each wheel on soil that is softer than the valid range of the fits."""
@@ -112,7 +112,7 @@ class Soil(CarcassTyre):
                 yield f"cone_index_kpa: {soft}: the mobility number is {M:.2g}, below the valid minimum of {SOFTEST:g}"
 
     def structure(self) -> Structure:
-        """Return the carcass and contact patch; the rolling resistance is the tyre's internal loss [Brixius1987]."""
+        """Return the parameters of carcass and patch; the rolling resistance is the internal loss [Brixius1987]."""
         return super().structure()._replace(rolling_resistance=OWN_LOSS, cone_index_pa=1e3 * self.cone_index_kpa)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[SoilLaw, SoilLaw]:
