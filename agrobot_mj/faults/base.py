@@ -35,7 +35,7 @@ class Scripted(Spec):
 
     @property
     def last_s(self) -> float:
-        """End of the time window [s], or infinity if there is no end."""
+        """End of the time window [s], or infinity for a fault without `end_s`."""
         return inf if self.end_s is None else self.end_s
 
     def active(self, t: float) -> bool:
@@ -47,7 +47,7 @@ class Scripted(Spec):
         return min(max((t - self.start_s) / ramp_s, 0.0), 1.0) if ramp_s > 0.0 else 1.0
 
     def overlaps(self, other: "Scripted") -> bool:
-        """Return whether the time windows of both faults overlap."""
+        """Return whether the time windows of this fault and of `other` overlap."""
         return self.start_s < other.last_s and other.start_s < self.last_s
 
     def init(self, generator: Generator) -> Any:

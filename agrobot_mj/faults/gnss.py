@@ -1,4 +1,4 @@
-"""Faults of the GNSS solution: missing, float, without corrections, offset, repeated or delayed.
+"""Faults of the GNSS solution, which is then missing, float, without corrections, offset, repeated or delayed.
 
 Sizes and durations with the source [Jones2026] were measured in the logs of docs/extensions/logs/real_machine.md.
 """
@@ -41,7 +41,8 @@ class GnssJump(Scripted):
     east_m: Metres = 0.0
     """Offset to the east [m]."""
     north_m: Metres = 1.0
-    """Offset to the north [m]. Assumed value (0.2-5: several wavelengths, a wrong position of the base station)."""
+    """Offset to the north [m]. Assumed value (range 0.2-5, from several wavelengths to a wrong base-station
+    position)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Add the offset to the position. Quality and velocity do not change."""
@@ -53,14 +54,14 @@ class GnssDrift(Scripted):
 
     kind: Literal["gnss_drift"] = "gnss_drift"
     east_m_s: Rate = 0.0
-    """Rate of the offset to the east [m/s]."""
+    """Growth rate of the offset to the east [m/s]."""
     north_m_s: Rate = 0.1
-    """Rate of the offset to the north [m/s]. Assumed value (0.02-0.5)."""
+    """Growth rate of the offset to the north [m/s]. Assumed value (range 0.02-0.5)."""
     velocity: Literal["sound", "drifting"] = "sound"
     """Reported velocity: the true velocity (`sound`), or the velocity of the `drifting` position, as in spoofing."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Add the offset at the end of the tick to the position. The quality does not change."""
+        """Add the offset reached at the end of the tick to the position. The quality does not change."""
         time, east, north = t + dt - self.start_s, self.east_m_s, self.north_m_s
         if self.velocity == "drifting":
             vx, vy = conditions.gnss_velocity_offset
@@ -73,10 +74,10 @@ class GnssFrozen(Scripted):
 
     kind: Literal["gnss_frozen"] = "gnss_frozen"
     keep: Literal["nothing", "velocity", "live_velocity"] = "nothing"
-    """Reported velocity: `nothing` for zero, the last `velocity`, or the current velocity (`live_velocity`)."""
+    """Reported velocity: zero (`nothing`), the last velocity (`velocity`) or the current velocity (`live_velocity`)."""
     quality: Literal["fix", "dgps"] = "fix"
-    """Reported quality. With `dgps` and `live_velocity` the heading from two antennas continues with fixed ambiguities,
-    as observed for 37 s on a tractor at rest [Jones2026]."""
+    """Reported quality of the solution. With `dgps` and `live_velocity` the heading from two antennas remains valid, as
+    observed for 37 s on a tractor at rest [Jones2026]."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Freeze the reported position, and set velocity and quality as configured."""
@@ -94,13 +95,13 @@ class GnssDgps(Scripted):
 
     kind: Literal["gnss_dgps"] = "gnss_dgps"
     wander_sigma_m: Annotated[float, Field(ge=0, le=100)] = 0.15
-    """Standard deviation of the position drift per axis [m] in its steady state. Assumed value (0.02-0.4). Measured
-    drift: up to 0.59 at rest, typically 0.05 and at most 0.2 after 1.4 s of driving [Jones2026]."""
+    """Standard deviation of the position drift per axis [m] in its steady state. Assumed value (range 0.02-0.4).
+    Measured drift: up to 0.59 at rest; typically 0.05 and at most 0.2 after 1.4 s in motion [Jones2026]."""
     wander_time_s: Annotated[float, Field(gt=0, le=HUGE)] = 3.0
-    """Correlation time of the position drift [s]. Assumed value (1-10)."""
+    """Correlation time of the position drift [s]. Assumed value (range 1-10)."""
 
     def init(self, generator: Generator) -> GaussMarkov:
-        """Return a position drift of zero: the fault starts at the fixed solution."""
+        """Return a position drift of zero, so that the fault starts at the fixed solution."""
         return GaussMarkov(generator, (0.0, 0.0))
 
     def apply(self, state: GaussMarkov, conditions: Conditions, t: float, dt: float) -> tuple[GaussMarkov, Conditions]:
@@ -114,13 +115,13 @@ class GnssDgps(Scripted):
 class GnssLatency(Scripted):
     """Increased latency of the solutions, caused by a slow radio link or a busy receiver.
 
-    No solution arrives for `latency_s` after the start of the fault. At the end of the fault, overtaken solutions are
-    lost.
+    No solution arrives for `latency_s` after the start of the fault. At the end of the fault, solutions overtaken by
+    newer solutions are lost.
     """
 
     kind: Literal["gnss_latency"] = "gnss_latency"
     latency_s: Latency = 0.2
-    """Increase of the receiver latency [s], in whole ticks. Assumed value (0.1-0.5 over a radio link)."""
+    """Increase of the receiver latency [s], in whole ticks. Assumed value (range 0.1-0.5 over a radio link)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Increase the latency of the GNSS solutions."""
@@ -148,12 +149,12 @@ class GnssFloat(Scripted):
     kind: Literal["gnss_float"] = "gnss_float"
     jump_sigma_m: Annotated[float, Field(ge=0, le=100)] = 0.15
     """Standard deviation of the offset per axis after each jump [m], in addition to the float error. Assumed value
-    (0.1-0.3: several wavelengths of 0.19 m, distributed over the satellites)."""
+    (range 0.1-0.3, from several wavelengths of 0.19 m, distributed over the satellites)."""
     jump_interval_s: Interval = 20.0
-    """Mean time between jumps [s]. Assumed value (5-60)."""
+    """Mean time between jumps [s]. Assumed value (range 5-60)."""
     flicker_s: Interval | None = None
     """Mean duration of float intervals and of fixed intervals [s], for a receiver that repeatedly loses its fix.
-    Default: float at all times. Assumed value near trees (0.5-10)."""
+    Default: float at all times. Assumed value (range 0.5-10 near trees)."""
 
     def init(self, generator: Generator) -> FloatState:
         """Return the initial state, a float solution with a random offset."""
@@ -161,7 +162,7 @@ class GnssFloat(Scripted):
         return self._jump(FloatState(generator, True, turns, 0.0, (0.0, 0.0)), self.start_s)
 
     def apply(self, state: FloatState, conditions: Conditions, t: float, dt: float) -> tuple[FloatState, Conditions]:
-        """Limit the solution quality to float and add the offset. Fixed intervals do not change the conditions."""
+        """Limit the solution quality to float and add the offset, except in intervals with a fixed solution."""
         while self.flicker_s and t >= state.turns_s:
             turns = state.turns_s + state.generator.exponential(self.flicker_s)
             state = state._replace(floating=not state.floating, turns_s=turns)

@@ -1,6 +1,6 @@
 """Faults of the signal line from a sensor or to a valve; `core.lines` computes the distorted signal.
 
-The name of a kind consists of the line, which is a field of `Conditions`, and the effect, as in `gyro_stuck`. Stuck,
+The name of a fault consists of the line, which is a field of `Conditions`, and the effect, as in `gyro_stuck`. Stuck,
 scaled, delayed and lost signals have the same definition for all lines. An offset has the unit of its line.
 """
 
@@ -28,7 +28,7 @@ class LineFault(Scripted):
         "valve": "voltage of the steering valve",
         "pedal_valve": "voltage of the pedal valve",
     }
-    """Description of the signal on each line, shown in lists of fault kinds."""
+    """Description of the signal on each line, shown in lists of faults."""
 
     @property
     def line(self) -> str:
@@ -36,18 +36,18 @@ class LineFault(Scripted):
         return self.kind.rpartition("_")[0]
 
     def distortion(self, conditions: Conditions) -> Distortion:
-        """Return the distortion of the line from earlier faults in this tick."""
+        """Return the distortion of the line that results from the faults already applied in this tick."""
         found: Distortion = getattr(conditions, self.line)
         return found
 
     def distorted(self, conditions: Conditions, **changes: Any) -> Conditions:
-        """Return the conditions with `changes` to the fields of the line's distortion."""
+        """Return the conditions after the `changes` to fields of the line's distortion."""
         changed: dict[str, Any] = {self.line: self.distortion(conditions)._replace(**changes)}
         return conditions._replace(**changed)
 
 
 class Scaled(LineFault):
-    """Scaled signal, caused by a wrong parameter, a shunt or another tyre; negative for reversed wires or a wrong sign.
+    """Scaled signal, caused by a wrong parameter, a shunt, a different tyre size or reversed wires (negative scale).
 
     The scale multiplies a measurement, or the valve voltage relative to neutral.
     """
@@ -63,7 +63,7 @@ class Scaled(LineFault):
         "pedal_valve_scale",
     ]
     scale: Annotated[float, Field(ge=-10, le=10)] = -1.0
-    """Signal divided by the true value [-]. Assumed value: -1, a reversed sign; 0.5-2 for a wrong parameter."""
+    """Signal divided by the true value [-]. Assumed value: -1 for a reversed sign, 0.5-2 for a wrong parameter."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Multiply the signal of the line by `scale`."""
@@ -106,8 +106,8 @@ class Delayed(LineFault):
         "steering_pot_delay", "gyro_delay", "wheel_speed_delay", "heading_delay", "valve_delay", "pedal_valve_delay"
     ]
     delay_s: Latency = 0.5
-    """Additional delay of the signal [s], in whole ticks. Assumed value (0.2-1: cold oil, a loaded bus; 0.05-0.3 for
-    filters)."""
+    """Additional delay of the signal [s], in whole ticks. Assumed value (range 0.2-1 for cold oil or a loaded bus,
+    0.05-0.3 for a filter)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Delay the signal of the line."""
@@ -117,8 +117,8 @@ class Delayed(LineFault):
 class Lost(LineFault):
     """Missing signal, caused by a cut wire or a sensor without power; the tractor's computer detects the loss.
 
-    If the heading from two antennas is missing, the position remains valid. In an hour, 672 losses of heading were
-    recorded: half lasted 0.2 s, one in twenty lasted 0.6 s, and the longest lasted 3.4 s [Jones2026].
+    If the heading from two antennas is missing, the position remains valid. Recordings contain 758 losses of heading in
+    motion, with a median duration of 0.2 s, a 95th percentile of 0.8 s, and a maximum of 3.4 s [Jones2026].
     """
 
     kind: Literal["heading_loss", "gyro_loss", "wheel_speed_loss", "imu_roll_loss", "imu_pitch_loss"]
@@ -129,7 +129,7 @@ class Lost(LineFault):
 
 
 class Bias(LineFault):
-    """Base class of the measurement offsets. Each kind has a key `bias` with a unit suffix."""
+    """Base class of the measurement offsets. Each subclass has a key `bias` with the suffix of its unit, if any."""
 
     ramp_s: NonNegative = 0.0
     """Time over which the offset grows linearly from zero [s], or 0 for an immediate offset."""
@@ -152,7 +152,7 @@ class SteeringPotBias(Bias):
 
     kind: Literal["steering_pot_bias"] = "steering_pot_bias"
     bias_deg: Annotated[float, Field(ge=-90, le=90)] = 2.0
-    """Offset of the measurement [deg], left positive. Assumed value (1-5: a slipped clamp)."""
+    """Offset of the measurement [deg], positive to the left. Assumed value (range 1-5 for a slipped clamp)."""
 
 
 class PedalPotBias(Bias):
@@ -160,7 +160,7 @@ class PedalPotBias(Bias):
 
     kind: Literal["pedal_pot_bias"] = "pedal_pot_bias"
     bias: Annotated[float, Field(ge=-2, le=2)] = 0.1
-    """Offset of the measurement [-], forward positive. Assumed value (0.05-0.2: a slipped clamp)."""
+    """Offset of the measurement [-], positive forward. Assumed value (range 0.05-0.2 for a slipped clamp)."""
 
 
 class GyroBias(Bias):
@@ -168,18 +168,20 @@ class GyroBias(Bias):
 
     kind: Literal["gyro_bias"] = "gyro_bias"
     bias_deg_s: Annotated[float, Field(ge=-1000, le=1000)] = 5.0
-    """Offset of the measurement [deg/s], left positive. Assumed value (2-20: a shock, a low supply voltage)."""
+    """Offset of the measurement [deg/s], positive to the left. Assumed value (range 2-20 after a shock or at low supply
+    voltage)."""
 
 
 class AttitudeBias(Bias):
-    """Offset of the signal, caused by an accelerometer during warm-up or a displaced bracket.
+    """Offset of the measured signal, caused by an accelerometer during warm-up or a displaced bracket.
 
-    With a ramp the offset increases over time, as in a drift.
+    With a ramp the offset of the roll or pitch increases over time, like a drift.
     """
 
     kind: Literal["imu_roll_bias", "imu_pitch_bias"]
     bias_deg: Annotated[float, Field(ge=-90, le=90)] = 5.0
-    """Offset of the angle [deg], left side up or nose down positive. Assumed value (1-10: a displaced bracket)."""
+    """Offset of the angle [deg], positive for left side up or nose down. Assumed value (range 1-10 for a displaced
+    bracket)."""
 
 
 class HeadingBias(Bias):
@@ -187,4 +189,5 @@ class HeadingBias(Bias):
 
     kind: Literal["heading_bias"] = "heading_bias"
     bias_deg: Annotated[float, Field(ge=-180, le=180)] = 10.0
-    """Offset of the heading [deg], left positive. Assumed value (5-180: 11 for one wavelength across the baseline)."""
+    """Offset of the heading [deg], positive to the left. Assumed value (range 5-180); 11 for one wavelength across the
+    baseline."""

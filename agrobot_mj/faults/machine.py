@@ -25,9 +25,10 @@ class ValveWear(Scripted):
 
     kind: Literal["valve_wear"] = "valve_wear"
     gain_share: Fraction = 0.7
-    """Remaining fraction of the flow at all voltages [-]. Assumed value (0.5-0.9: leakage past the spool)."""
+    """Remaining fraction of the flow at all voltages [-]. Assumed value (range 0.5-0.9, due to leakage past the
+    spool)."""
     dead_band_v: Annotated[float, Field(ge=0, le=6)] = 0.4
-    """Increase of the half width of the dead band [V]. Assumed value (0.2-0.8: 2-7 % of the range)."""
+    """Increase of the half width of the dead band [V]. Assumed value (range 0.2-0.8, 2-7 % of the voltage range)."""
     ramp_s: NonNegative = 0.0
     """Time over which the wear grows linearly from zero [s], or 0 for immediate wear."""
 
@@ -48,7 +49,7 @@ class Friction(Scripted):
 
     kind: Literal["friction"] = "friction"
     scale: Scale = 0.6
-    """Factor on the friction [-]. Assumed value (0.5-0.7): wet grass relative to dry ground."""
+    """Factor on the friction [-]. Assumed value (range 0.5-0.7 for wet grass relative to dry ground)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Multiply the ground friction by `scale`."""
@@ -67,13 +68,14 @@ class SoftTyre(Scripted):
     wheel: Literal["fl", "fr", "rl", "rr"] = "rl"
     """Affected wheel: front (`f`) or rear (`r`), left (`l`) or right (`r`)."""
     stiffness_share: Annotated[float, Field(ge=0.15, le=1)] = 0.4
-    """Remaining fraction of vertical and slip stiffness [-]. Assumed value (0.3-0.7): half the pressure."""
+    """Remaining fraction of vertical and slip stiffness [-]. Assumed value (range 0.3-0.7) for about half the
+    pressure."""
     rolling_share: Scale = 1.6
-    """Factor on the rolling resistance [-]. Assumed value (1-2.5): inverse square root of the pressure."""
+    """Factor on the rolling resistance [-]. Assumed value (range 1-2.5): inverse square root of the pressure ratio."""
 
     @property
     def subject(self) -> str:
-        """Kind of the fault and affected wheel. Time windows for different wheels may overlap."""
+        """Fault and affected wheel. Time windows for different wheels may overlap."""
         return f"{self.kind} {self.wheel}"
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
@@ -92,19 +94,19 @@ class Payload(Scripted):
 
     kind: Literal["payload"] = "payload"
     mass_kg: Annotated[float, Field(ge=-1e4, le=1e4)] = 100.0
-    """Mass of the payload [kg], negative for removed ballast. Assumed value (50-300 for a tank, -100 to 0 for front
-    weights)."""
+    """Mass of the payload [kg], negative for removed ballast. Assumed value (range 50-300 for a tank, -100 to 0 for
+    front weights)."""
     ahead_m: Metres = -0.6
     """Distance of the mass ahead of the rear axle [m]. Assumed value for the three-point hitch; 2.2 for a front
     loader."""
     left_m: Metres = 0.0
-    """Lateral offset of the mass [m], left positive."""
+    """Lateral offset of the mass [m], positive to the left."""
     up_m: NonNegative = 0.7
-    """Height of the mass above the ground [m]. Assumed value (0.5-1) for a load on the three-point hitch."""
+    """Height of the mass above the ground [m]. Assumed value (range 0.5-1) for a load on the three-point hitch."""
 
     @property
     def subject(self) -> str:
-        """Kind of the fault and position of the payload. Time windows for different positions may overlap."""
+        """Fault and position of the payload. Time windows for different positions may overlap."""
         return f"{self.kind} at {self.ahead_m:g}, {self.left_m:g}, {self.up_m:g} m"
 
     @property
@@ -128,14 +130,14 @@ class Drawbar(Scripted):
 
     kind: Literal["drawbar"] = "drawbar"
     pull_n: Annotated[float, Field(ge=0, le=1e5)] = 1500.0
-    """Mean pull [N]. Assumed value (500-3000): a light cultivator, a fifth of the weight; the tyres hold about 4000."""
+    """Mean pull [N]. Assumed value (range 500-3000) for a light cultivator; tyre grip limits the pull to about 4000."""
     noise_share: Spread = 0.0
-    """Standard deviation of the pull divided by its mean [-]. Default: 0. Assumed value in soil (0.1-0.3)."""
+    """Standard deviation of the pull divided by its mean [-]. Default: 0. Assumed value (range 0.1-0.3 in soil)."""
     noise_time_s: Positive = 0.5
     """Correlation time of the pull [s]. Assumed value: a soil correlation length of 0.5 m at a speed of 1 m/s."""
 
     def init(self, generator: Generator) -> GaussMarkov:
-        """Return the variation of the pull, sampled from its stationary distribution."""
+        """Return the initial variation of the pull, sampled from its stationary distribution."""
         return GaussMarkov.stationary(generator)
 
     def apply(self, state: GaussMarkov, conditions: Conditions, t: float, dt: float) -> tuple[GaussMarkov, Conditions]:
@@ -152,17 +154,17 @@ class SideForce(Scripted):
 
     kind: Literal["side_force"] = "side_force"
     force_n: Annotated[float, Field(ge=-1e5, le=1e5)] = 300.0
-    """Mean force to the left [N]. Assumed value: wind of 15 m/s on 2 m2; up to 1000 for side draught."""
+    """Mean force to the left [N]. Assumed value for wind of 15 m/s on 2 m2; up to 1000 for side draught."""
     gust_share: Spread = 0.0
-    """Standard deviation of the force divided by its mean [-]. Default: 0. Assumed value for wind (0.2-0.5)."""
+    """Standard deviation of the force divided by its mean [-]. Default: 0. Assumed value (range 0.2-0.5 for wind)."""
     gust_time_s: Positive = 2.0
-    """Correlation time of the gusts [s]. Assumed value (1-5)."""
+    """Correlation time of the gusts [s]. Assumed value (range 1-5)."""
 
     def init(self, generator: Generator) -> GaussMarkov:
-        """Return the gusts, sampled from their stationary distribution."""
+        """Return the initial gust component of the force, sampled from its stationary distribution."""
         return GaussMarkov.stationary(generator)
 
     def apply(self, state: GaussMarkov, conditions: Conditions, t: float, dt: float) -> tuple[GaussMarkov, Conditions]:
-        """Add the mean force and its gusts to the side force on the CG."""
+        """Add the mean force and the gusts to the side force on the CG."""
         force = self.force_n * (1.0 + self.gust_share * state.value[0])
         return state.after(dt, self.gust_time_s), conditions._replace(side_force=conditions.side_force + force)

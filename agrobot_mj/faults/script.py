@@ -19,7 +19,7 @@ class Script(NamedTuple):
     seed: int
 
     def init(self) -> ScriptState:
-        """Return the initial states of the faults, which have separate random streams."""
+        """Return the initial states of the faults. Each fault has a separate random stream."""
         return tuple(fault.init(stream(self.seed, f"fault.{fault.subject}.{fault.start_s}")) for fault in self.faults)
 
     def update(self, state: ScriptState, t: float, dt: float) -> tuple[ScriptState, Conditions]:
@@ -37,7 +37,7 @@ class Script(NamedTuple):
 
 
 def clashes(faults: Sequence[Scripted]) -> list[str]:
-    """Return a message for each overlap of faults with the same subject, starting with the key of the later fault."""
+    """Return a message for each overlap of faults with the same subject; it starts with the key of the later fault."""
     found = []
     earlier: dict[str, list[int]] = {}
     for k, fault in enumerate(faults):
@@ -52,7 +52,7 @@ def clashes(faults: Sequence[Scripted]) -> list[str]:
 
 
 def loadings(faults: Sequence[Scripted]) -> list[tuple[int, tuple[PointMass, ...]]]:
-    """Return each combination of payloads in the run, with the index of the fault that starts or ends it."""
+    """Return the payloads active at each start and end of a payload fault, with the index of the fault in `faults`."""
     found = []
     for k, fault in enumerate(faults):
         if isinstance(fault, Payload):

@@ -2,12 +2,12 @@
 
     true CG - path = (true CG - estimated CG) + (estimated CG - path)
 
-Each difference is measured across the path, left positive. All differences use one osculating circle of the path, at
-the point nearest to the true CG. The two parts therefore add up to the cross-track error in every tick. Their mean
-squares add up only if the parts are uncorrelated. Large parts of opposite sign may cancel.
+Each difference is measured across the path, positive to the left. All differences use one osculating circle of the
+path, at the point nearest to the true CG. The two parts therefore add up to the cross-track error in every tick. Their
+mean squares add up only if the parts are uncorrelated. Large parts of opposite sign may cancel.
 
-The actuator is inside the guidance loop, and its effect on the cross-track error [m] depends on the gains of the law.
-The metric of the actuator is therefore the steering error: wheel angle minus the command one tick earlier.
+The actuator is inside the guidance loop, and its effect on the cross-track error [m] depends on the guidance gains. The
+metric of the actuator is therefore the steering error: wheel angle minus the command one tick earlier.
 """
 
 from typing import Any, ClassVar, Literal, NamedTuple
@@ -22,7 +22,7 @@ NEAR_M = 0.5  # Maximum distance between true and estimated CG for a shared oscu
 
 
 class ErrorParts(NamedTuple):
-    """Estimator and guidance parts of the cross-track error [m], each of shape (ticks,), left positive."""
+    """Estimator and guidance parts of the cross-track error [m], each of shape (ticks,), positive to the left."""
 
     estimator: Array  # Position of the true CG relative to the estimated CG, across the path [m]
     guidance: Array  # Offset of the estimated CG from the path, the input of the guidance law [m]
@@ -59,8 +59,8 @@ class Attribution(Metric):
 
 
 SIDEWAYS_M_S2 = 0.5
-"""Maximum lateral specific force of ticks that count as straight driving on level ground [m/s2]. Assumed value:
-sideslip below 0.5 deg."""
+"""Maximum lateral specific force of ticks that count as straight driving on level ground [m/s2]. Assumed value: the
+sideslip is then below 0.5 deg."""
 MOVES_M_S = 0.3  # Minimum speed of the ticks used for `level_sideslip` [m/s]. Assumed value.
 LEVEL_TICKS = 200  # Minimum number of ticks for `level_sideslip`: ten seconds. Assumed value.
 
@@ -78,7 +78,7 @@ class Consistency(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the means over the run, and sideslip and mounting error if the estimator reports them."""
+        """Return mean NEES, NIS and saturated fraction, and the estimates of sideslip and mounting error if logged."""
         return {
             "position_nees": mean(view.column("position_nees")),
             "position_nis": mean(view.column("position_nis")),

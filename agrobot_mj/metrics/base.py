@@ -52,7 +52,7 @@ class LogLike(Protocol):
 
 
 class RunView:
-    """Log of a run with quantities that several metrics use. Default of `route`: samples of the scenario's path."""
+    """Log of a run with quantities that several metrics use. `route` defaults to samples of the scenario's path."""
 
     def __init__(self, log: LogLike, route: SampledRoute | None = None) -> None:
         self.log, self.path = log, log.scenario.path
@@ -63,7 +63,7 @@ class RunView:
         return self.log.column(name)
 
     def reported(self, name: str) -> Array | None:
-        """Return the values of the signal `name` as `column`, or None if the signal is missing."""
+        """Return the values of the signal `name`, shape (ticks,), or None if the log does not contain the signal."""
         try:
             return self.column(name)
         except (KeyError, ValueError):
@@ -85,7 +85,7 @@ class RunView:
 
     @cached_property
     def turns(self) -> list[slice]:
-        """Log rows of each lap of the path that was reached during the run."""
+        """Log rows of each lap that the run reached."""
         t, spans = self.column("t"), self.path.turns_s
         starts, ends = [start for start, _ in spans], [end for _, end in spans]
         firsts = [*rows_until(t, starts[:1], "left"), *rows_until(t, starts[1:])]
@@ -110,16 +110,16 @@ class Metric(Spec):
 
 
 def rows_until(t: Array, times: Sequence[float], side: Literal["left", "right"] = "right") -> list[int]:
-    """Return, for each time in `times`, the number of rows of the increasing times `t` up to this time.
+    """Return the number of rows of the increasing times `t` that lie at or before each time in `times`.
 
-    With `side` = "left", rows at exactly this time are excluded.
+    With `side` = "left", rows at this time do not count.
     """
     counts: list[int] = np.searchsorted(t, times, side).tolist()
     return counts
 
 
 def mean(values: Array, power: int = 1) -> float | None:
-    """Return the mean of the finite values to the given `power`, or None for fewer than LEAST values or on overflow."""
+    """Return the mean of the finite values raised to `power`, or None for fewer than LEAST values or on overflow."""
     return _average(_finite(values), power)
 
 

@@ -25,7 +25,7 @@ FARTHEST_M = 1e7  # Maximum plausible distance of a position from the origin [m]
 
 
 class BesidePath(NamedTuple):
-    """Positions of n points relative to a path, NaN for points that are not finite."""
+    """Positions of n points relative to a path, NaN for points without a finite and plausible position."""
 
     offset: Array  # Signed distance from the path [m], left positive, shape (n,)
     time: Array  # Time at which the reference passes the nearest point [s], shape (n,)
@@ -33,7 +33,7 @@ class BesidePath(NamedTuple):
     """Osculating circle of the path near each point, shape (n, 4): x, y [m], heading [rad], curvature [1/m]."""
 
     def offset_of(self, x: Array, y: Array) -> Array:
-        """Return the signed offset [m] of the points (x, y) from `circles`, left positive, shape (n,)."""
+        """Return the signed offset [m] of the points (x, y) from `circles`, positive to the left, shape (n,)."""
         x0, y0, yaw, curvature = self.circles.T
         east, north = x - x0, y - y0
         ahead, left = np.cos(yaw) * east + np.sin(yaw) * north, np.cos(yaw) * north - np.sin(yaw) * east
@@ -43,9 +43,9 @@ class BesidePath(NamedTuple):
 
 
 def cross_track(path: Path, t: Array, x: Array, y: Array) -> Array:
-    """Return the signed offset [m] of the points (x, y) [m] from `path` at times `t` [s], left positive, shape (n,).
+    """Return the offset [m] of the points (x, y) [m] from `path` at times `t` [s], positive to the left, shape (n,).
 
-    The offset is NaN for points that are not finite.
+    The offset is NaN for points without a finite and plausible position.
     """
     return track(path, t, x, y).offset
 

@@ -3,11 +3,11 @@
 The error, true minus estimated CG, is a sum of contributions in the frame of the true heading. The contribution of each
 cause is computed from the log and the assumptions of the estimator. The causes are:
 
-- lateral shift of the antenna above R: its height times the sine of the uncompensated roll,
+- shift of the antenna relative to the CG: its height above the CG times the sine of the uncompensated tilt,
 - wrong configured antenna position,
-- wrong heading at the lever arm of the CG,
+- heading error, multiplied by the lever arm of the CG,
 - latency and error of the fixes,
-- all errors during times without a fix or with a float solution.
+- the total error during times without a fix or without fixed ambiguities.
 
 The fraction of a cause is the sum over the ticks of its contribution times the error, divided by the sum of the squared
 error. The fractions of all causes and of the filter add up to 1.
@@ -32,15 +32,14 @@ Vectors = np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
 
 
 def cause_of(view: RunView, across: bool) -> str:
-    """Return the main cause of the lateral (`across`) or horizontal error, or an empty string without a main cause."""
+    """Return the main cause of the lateral (`across`) or horizontal estimation error, or an empty string for none."""
     error, parts = contributions(view)
     total = max(_inner(error, error, across), len(error) * SMALLEST_M**2)
     return next((name for name, part in parts.items() if _inner(error, part, across) > MAIN * total), "")
 
 
 def _inner(a: Vectors, b: Vectors, across: bool) -> float:
-    """Return the inner product over the ticks of two error contributions [m2], or of their lateral components if
-    `across`."""
+    """Return the inner product of two error contributions [m2]; `across` selects their lateral components."""
     return float(a.imag @ b.imag + (0.0 if across else a.real @ b.real))
 
 
@@ -78,7 +77,7 @@ def contributions(view: RunView) -> tuple[Vectors, dict[str, Vectors]]:
 
 
 def _assumed_tilt(view: RunView) -> tuple[tuple[Array, Array], bool]:
-    """Return roll and pitch as assumed by the estimator, (ticks,) [rad], and whether it compensates for tilt."""
+    """Return roll and pitch (ticks,) [rad] assumed by the estimator, and whether the estimator compensates for tilt."""
     scenario: Any = view.log.scenario
     if getattr(scenario.estimator, "terrain_compensation", False):
         return (np.nan_to_num(view.column("imu_roll")), np.nan_to_num(view.column("imu_pitch"))), True
@@ -93,7 +92,7 @@ def _foot(roll: Array, pitch: Array) -> Vectors:
 
 
 def _latency(view: RunView) -> Array:
-    """Return the latency of the GNSS receiver at each tick [s], including faults."""
+    """Return the latency of the GNSS receiver at each tick [s], including the effect of faults."""
     scenario: Any = view.log.scenario
     t = view.column("t")
     faults = [fault for fault in scenario.fault if isinstance(fault, GnssLatency)]

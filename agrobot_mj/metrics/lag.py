@@ -1,6 +1,6 @@
 """Lag of the tractor behind its reference at the end of a run, in distance and speed.
 
-Most laws follow the path independently of time. Cross-track errors therefore do not include the lag.
+Cross-track errors do not include the lag, because most guidance laws follow the path independently of time.
 """
 
 from math import hypot, isfinite
@@ -14,8 +14,8 @@ LAST_S = 10.0  # Duration of the final part of a run over which speeds are avera
 LATE_M = 1.0
 """Distance behind or ahead of the reference above which the lag is reported [m]. Assumed value: 1 s at 1 m/s."""
 SLOW, LOSING_M = 0.95, 0.5
-"""Speed below which a slow tractor is reported, divided by the reference speed [-], and minimum distance behind the
-reference for this report [m]. Assumed values: starting from rest causes a small lag in every run."""
+"""Tractor speed divided by reference speed below which a slow tractor is reported [-], and minimum distance behind the
+reference for this report [m]. Assumed values above the small lag that every start from rest causes."""
 
 
 class Lag(NamedTuple):
@@ -27,7 +27,7 @@ class Lag(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Text about the lag for messages, or an empty string for a lag within LATE_M, LOSING_M and SLOW."""
+        """Message about the lag, or an empty string for a lag within LATE_M, LOSING_M and SLOW."""
         found = []
         if abs(self.behind_m) > LATE_M:
             found.append(f"{abs(self.behind_m):.1f} m {'behind' if self.behind_m > 0 else 'ahead of'} its reference")

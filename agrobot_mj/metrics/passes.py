@@ -1,7 +1,7 @@
 """Accuracy on parallel passes, similar to ISO 12188-2 [ISO2012].
 
 The standard tests guidance on straight, level passes. It interpolates the cross-track error along each pass. The result
-is the 95th percentile of the unsigned difference between successive passes.
+is the 95th percentile of the unsigned difference between the errors of successive passes.
 
 Here the true CG is evaluated on the passes of the path without their run-in (`passes_s`), at stations STATION_M apart.
 Errors are positive to the left of the first pass, also on passes in the opposite direction. The difference between
@@ -27,7 +27,8 @@ COMPLETE = 0.99  # Minimum driven fraction of a complete pass [-]
 
 
 class Passed(NamedTuple):
-    """Driven part of a pass. All positions are relative to the first pass, positive along it and to its left."""
+    """Driven part of a pass. All positions are relative to the first pass, positive in its direction and to the
+    left."""
 
     line: float  # Lateral position of the planned pass [m]
     direction: int  # Direction of travel: 1 in the direction of the first pass, -1 in the opposite direction
@@ -37,7 +38,8 @@ class Passed(NamedTuple):
     """Lateral offset of the CG from `line` at `stations` [m], positive to the left of the first pass, shape (n,)."""
 
     def numbers(self, number: int) -> dict[str, Any]:
-        """Return the errors of the pass, left positive in its direction, or None for fewer than LEAST stations."""
+        """Return the error statistics of the pass, with errors positive to the left of its direction; each statistic is
+        None for fewer than LEAST stations."""
         error = self.errors * self.direction
         return {
             "pass": number,

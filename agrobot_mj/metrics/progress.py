@@ -3,8 +3,8 @@
 The path is evaluated up to the planned end of the run or, if earlier, its own end. A segment is driven if the tractor
 moves along the segment within CORRIDOR_M. The nearest point is tracked between successive positions of the tractor, see
 `paths.route`, so that it stays on the same branch of a crossing, lap and swath. If the tractor is more than ASTRAY_M
-away from the tracked point, the search also covers the neighbourhood of the reference. Segments skipped by the nearest
-point are not driven. A tractor at standstill makes no progress, even if the reference passes it.
+away from the tracked point, the search also covers the neighbourhood of the reference. Segments that the nearest point
+skips do not count. A tractor at standstill makes no progress, even if the reference passes it.
 
 Guidance without a path must drive the distance given by its speed commands.
 """
@@ -21,14 +21,15 @@ from agrobot_mj.metrics.crosstrack import FARTHEST_M
 from agrobot_mj.paths.route import SampledRoute
 
 CORRIDOR_M = 5.0
-"""Maximum distance from the path on a driven segment [m]. Assumed value: two swaths; error metrics are stricter."""
+"""Maximum distance from the path at which a segment counts as driven [m]. Assumed value: the width of two swaths."""
 ENOUGH = 0.9  # Minimum fraction of the path that must be driven [-]. Assumed value.
 LATE_S = 2.0  # Delay behind the reference that is allowed at the end [s]. Assumed value: the tractor starts from rest.
 STEP_M = 0.25
 """Spacing of the evaluated tractor positions, and minimum length of a path for the driven fraction [m]."""
 ASTRAY_M = 1.0  # Distance from the path above which the nearest point is also searched near the reference [m]
 LEAP_M = 1.5
-"""Maximum path length driven between two positions [m], above STEP_M for a tractor on the inside of a bend."""
+"""Maximum path length counted as driven between two positions [m], above STEP_M for a tractor on the inside of a
+bend."""
 
 
 class PathProgress(NamedTuple):
@@ -45,15 +46,15 @@ class PathProgress(NamedTuple):
 
     @property
     def enough(self) -> bool:
-        """Whether the driven length is at least ENOUGH times `due`, with a tolerance of STEP_M."""
+        """Whether the driven length is at least ENOUGH times the required length `due`, with a tolerance of STEP_M."""
         return self.driven + STEP_M >= ENOUGH * self.due
 
 
 def progress_of(route: SampledRoute, duration: float | None, columns: Sequence[Array]) -> PathProgress:
     """Return the driven length of the path up to the end of a run.
 
-    `duration` is the planned duration [s], by default that of the path. `columns` contains time [s] and position [m] of
-    the true CG at each tick, shape (n,) each.
+    `duration` is the planned duration [s], or None for the duration of the path. `columns` contains time [s] and
+    position [m] of the true CG at each tick, shape (n,) each.
     """
     own = route.path.duration_s
     planned = own if duration is None else duration
@@ -67,7 +68,7 @@ def progress_of(route: SampledRoute, duration: float | None, columns: Sequence[A
 def commanded_progress(t: Array, asked: Array, speed: Array) -> PathProgress:
     """Return the progress of guidance without a path: driven distance, and integral of the speed commands `asked`.
 
-    Times are in s, speeds in m/s, shape (n,) each, with NaN for missing values.
+    Both lengths use magnitudes. Times are in s, speeds in m/s, shape (n,) each, with NaN for missing values.
     """
     t, asked, speed = map(np.nan_to_num, (t, asked, speed))
     steps = np.diff(t, append=t[-1:])
@@ -99,7 +100,7 @@ class _Walk:
         self.t, self.place, self.within = t, k, within
 
     def _nearest(self, t: float, x: float, y: float, near: float) -> tuple[int, float]:
-        """Return index and distance [m] of the sample nearest to (x, y) [m], close to the arc length `near` [m].
+        """Return index and distance [m] of the sample nearest to (x, y) [m], searched near the arc length `near` [m].
 
         Near the end of the path, the last sample is returned.
         """
@@ -115,7 +116,7 @@ class _Walk:
         return float(self.route.distances[k])
 
     def stood(self, end: float) -> bool:
-        """Return whether the tractor made no progress at the end, although the reference moved until `end` [s]."""
+        """Return whether the tractor made no progress at the end, while the reference continued until `end` [s]."""
         waited = self.t - self.driven_t
         return waited > LATE_S and self.passed(end) - self.passed(self.driven_t) > 2 * STEP_M
 

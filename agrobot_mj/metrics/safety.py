@@ -13,7 +13,7 @@ from agrobot_mj.metrics.base import Metric, RunView
 OFF_M = 1.0  # Distance from the path above which the tractor has left the path [m]
 SLOWEST_M_S = 0.5  # Minimum speed command used as the divisor of `safety.overspeed` [m/s]
 MEMORY = 40
-"""Number of recent ticks whose maximum speed command is compared with the speed [-]: two seconds, the stopping time."""
+"""Number of recent ticks (stopping time of 2 s) whose maximum speed command is compared with the speed [-]."""
 
 
 class Safety(Metric):
@@ -77,7 +77,7 @@ class BrakedDrift(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the maximum drift from `STOPPED_S` after brake application, over all intervals with the brake applied.
+        """Return the maximum drift while the brake was applied, excluding the first `STOPPED_S` of each brake interval.
 
         The drift is None if the brake was never applied for more than `STOPPED_S`.
         """

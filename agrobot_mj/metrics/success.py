@@ -23,7 +23,7 @@ Row = Mapping[str, Any]
 
 
 def succeeded(row: Row) -> bool:
-    """Return whether a run ended as its scenario expects."""
+    """Return whether a run ended with the outcome that its scenario expects."""
     return bool(row["expected"] if "expected" in row else row["outcome"] == COMPLETED)
 
 

@@ -99,13 +99,13 @@ def _covers(t: Array, start: float, end: float) -> bool:
 
 
 class NetworkShare(Metric):
-    """Fraction of the steering command from the network, or from the integral term that replaces the network."""
+    """Fraction of the steering command due to the network, or to the integral term that replaces the network."""
 
     kind: Literal["nn_share"] = "nn_share"
     columns: ClassVar = (Column("nn_share", "-", "list: mean|tau_n| / (mean|tau_c| + mean|tau_n|) of each turn"),)
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the fraction for each lap: 0 without a network, None for a lap with fewer than LEAST ticks."""
+        """Return the network fraction of each lap: 0 without a network, None for a lap with fewer than LEAST ticks."""
         kept, learnt = view.column("tau_c"), view.column("tau_n")
         return {"nn_share": [_share(kept[rows], learnt[rows]) for rows in view.turns]}
 

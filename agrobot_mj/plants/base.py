@@ -49,14 +49,14 @@ class RunningPlant(Protocol):
         """Place the tractor at rest at the start of the path; return the true state for the `conditions` of tick 0."""
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
-        """Advance one tick at constant voltages and conditions; return the true state."""
+        """Advance one tick at constant valve voltages and conditions; return the true state."""
 
     def advanced(self, drive: Drive, conditions: Conditions = NOMINAL) -> Held[Truth]:
-        """Advance one tick at constant voltages and conditions; return a reference (`Held`) to the true state."""
+        """Advance one tick at constant valve voltages and conditions; return a reference (`Held`) to the true state."""
         return held(self.advance(drive, conditions))
 
     def save(self) -> Any:
-        """Return a copy of the state between two ticks."""
+        """Return a copy of the plant's current state."""
 
     def restore(self, state: Any) -> None:
         """Restore a state saved by this plant or by another plant with the same parameters."""
@@ -65,10 +65,10 @@ class RunningPlant(Protocol):
         """Return the position x y z [m] and quaternion w x y z of every body, shape (bodies, 7)."""
 
     def configuration(self) -> Array:
-        """Return the generalised positions of the tractor of `models/tractor.xml`, shape (nq,)."""
+        """Return MuJoCo's generalised positions (`qpos`) of the tractor, shape (nq,)."""
 
     def wheels(self) -> Array:
-        """Return the tyre reports of all wheels, shape (24,) (see `tyres.patch`), or an empty array without tyres."""
+        """Return the tyre quantities (24,) of all wheels, see `tyres.patch`; the array is empty without tyres."""
         return np.empty(0)
 
     @property

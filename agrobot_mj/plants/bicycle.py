@@ -53,10 +53,10 @@ class Bicycle(Spec):
 
     kind: Literal["bicycle"] = "bicycle"
     front_cornering_stiffness_n_rad: Positive = 14_800.0
-    """Cornering stiffness C_alpha,f of the front axle [N/rad]. Assumed value (10e3-19e3 for a cone index of 450-1800
-    kPa): two tyres at 1200 kPa by [GeeCloughSommer1981]."""
+    """Cornering stiffness C_alpha,f of the front axle [N/rad]. Assumed value (range 10e3-19e3 for a cone index of
+    450-1800 kPa), computed for two tyres at 1200 kPa [GeeCloughSommer1981]."""
     rear_cornering_stiffness_n_rad: Positive = 30_000.0
-    """Cornering stiffness C_alpha,r of the rear axle [N/rad]. Assumed value (18e3-40e3) [GeeCloughSommer1981]."""
+    """Cornering stiffness C_alpha,r of the rear axle [N/rad]. Assumed value (range 18e3-40e3) [GeeCloughSommer1981]."""
 
     def fast_step_s(self, tractor: TractorParameters) -> float:
         """Return the duration of a physics step with `physics = "fast"` [s]."""
@@ -72,7 +72,7 @@ class Bicycle(Spec):
 
 
 class BicycleLaw(NamedTuple):
-    """Parameters of the bicycle model for the compiled kernels, in SI units and with the symbols of the paper.
+    """Parameters of the bicycle model for the compiled kernels, in SI units and with the symbols of [Kayacan2015].
 
     `play` is half the backlash [rad].
     """
@@ -126,7 +126,7 @@ def steady_state(a: Linear2, delta: float) -> tuple[float, float]:
 
 @kernel
 def propagate(a: Linear2, v: float, gamma: float, delta: float, t: float) -> tuple[float, float, float]:
-    """Return lateral velocity [m/s], yaw rate [rad/s] and change of yaw [rad] after `t` [s] at constant steering."""
+    """Return lateral velocity [m/s], yaw rate [rad/s] and yaw change [rad] after `t` [s] at constant steering angle."""
     # relative to the steady state x_s the system is homogeneous: x(t) = x_s + exp(A t) (x(0) - x_s)
     v_s, gamma_s = steady_state(a, delta)
     # with s the mean of A's eigenvalues and s +- w both of them, (A - s)^2 = w^2, so that the series of the
@@ -251,7 +251,7 @@ class BicyclePlant(RunningPlant):
         return self.truth()
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
-        """Advance one tick at constant voltages; return the true state. Only valve faults have an effect."""
+        """Advance one tick at constant valve voltages; return the true state. Only valve faults have an effect."""
         self.valve = worn_valve(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
         valve, drives = (self.valve, self.valve_memory), (self.drive, self.drive_memory)
         run_steps(self.law, self.state, *valve, *drives, (drive.steer_voltage, drive.powered_pedal), self.samples)
@@ -263,7 +263,7 @@ class BicyclePlant(RunningPlant):
         return self.state, self.samples, *self.valve_memory, *self.drive_memory
 
     def save(self) -> BicycleState:
-        """Return a copy of the state between two ticks."""
+        """Return a copy of the plant's current state."""
         return BicycleState(copies(self._arrays), self.valve, self.ticks)
 
     def restore(self, state: BicycleState) -> None:
@@ -305,7 +305,8 @@ class BicyclePlant(RunningPlant):
         )
 
     def _knuckles(self, delta: Array) -> Any:
-        """Return the Ackermann angles of left and right wheel [rad], shape (2, n), for steering angles `delta` (n,)."""
+        """Return the Ackermann angles of left and right front wheel [rad], shape (2, n), for steering angles
+        `delta`."""
         t_2L = self.tractor.track_m / (2 * self.tractor.wheelbase_m)
         return np.stack([np.arctan2(np.tan(delta), 1 - side * t_2L * np.tan(delta)) for side in (1, -1)])
 
@@ -324,7 +325,7 @@ class BicyclePlant(RunningPlant):
         return static_flow(self.valve, float(self.valve_memory.spool[0])), nan, nan
 
     def trouble(self) -> str | None:
-        """Return the outcome that ends the run (diverged or left_terrain), or None."""
+        """Return the outcome that ends the run (diverged or left_terrain), or None if the run continues."""
         if not isfinite(self.state.sum()):
             return "diverged"
         return None if self.ground.covers(self.state[0], self.state[1]) else "left_terrain"

@@ -21,7 +21,7 @@ STEER_TOLERANCE = 2e-6  # Maximum steering error at which the valve remains in n
 
 
 class Trace:
-    """True states and tyre reports of consecutive ticks."""
+    """True states and tyre quantities of consecutive ticks."""
 
     def __init__(self, truths: list[Truth], wheels: list[Array]) -> None:
         self.truths, self._wheels = truths, wheels
@@ -34,7 +34,7 @@ class Trace:
 
     @property
     def wheels(self) -> Array:
-        """Tyre reports, shape (n, 6, 4): tick, quantity in the order of `tyres.patch`, and wheel."""
+        """Tyre quantities, shape (n, 6, 4): tick, quantity in the order of `tyres.patch`, and wheel."""
         return np.array(self._wheels).reshape(len(self._wheels), -1, 4)
 
     def mean(self, name: str, seconds: float) -> float:
@@ -43,14 +43,14 @@ class Trace:
 
 
 class Driver:
-    """Controller that uses the true state: PI for the speed, proportional for the steering angle."""
+    """Controller that uses the true state: PI control of the speed, proportional control of the steering angle."""
 
     def __init__(self, plant: Any, truth: Truth, speed: float = 0.0, full_speed: float = FULL_SPEED) -> None:
         self.plant, self.truth, self.speed, self.full_speed = plant, truth, speed, full_speed
         self.integral = 0.0
 
     def go(self, seconds: float, steer: Steer = 0.0) -> Trace:
-        """Simulate for `seconds` [s]; `steer` is a steering angle [rad], or a function from true state to angle."""
+        """Simulate for `seconds` [s]; `steer` is the steering angle [rad], a number or a function of the true state."""
         rule = steer if callable(steer) else lambda truth: steer
         return self._drive(seconds, lambda truth: self.steer_voltage(rule(truth)))
 
@@ -77,17 +77,19 @@ class Driver:
         return Trace(truths, wheels)
 
     def steer_voltage(self, angle: float) -> float:
-        """Return the steering valve voltage [V] for a setpoint `angle` [rad]: proportional, plus the dead band."""
+        """Return the steering valve voltage [V] of a proportional controller with dead-band compensation; `angle` is
+        the setpoint of the steering angle [rad]."""
         error = angle - self.truth.steer
         if abs(error) < STEER_TOLERANCE:
             return NEUTRAL_V
         return NEUTRAL_V + 20.0 * error + copysign(0.4, error)
 
     def pedal_voltage(self) -> float:
-        """Return the pedal valve voltage [V]: PI from speed to pedal setpoint, then proportional plus the dead band.
+        """Return the pedal valve voltage [V] of a cascade: PI control of the speed by the pedal position, and
+        proportional control of the pedal position with dead-band compensation.
 
         The proportional part of the PI controller uses the wheel speed, which does not contain the longitudinal
-        oscillation of the tractor on its tyres.
+        oscillation of the tractor on its tyres. The integral part uses the tractor speed.
         """
         wanted = self.speed / self.full_speed + 0.1 * (self.speed - self.truth.wheel_speed) + self.integral
         self.integral += 0.1 * (self.speed - self.truth.speed) * TICK_S
@@ -96,16 +98,15 @@ class Driver:
 
 
 def hold(plant: Any, seconds: float, drive: Drive = REST) -> Iterator[Truth]:
-    """Yield the true state after each tick at constant voltages. Default: both valves in neutral."""
+    """Yield the true state after each tick at constant valve voltages. Default: both valves in neutral."""
     for _ in range(round(seconds / TICK_S)):
         yield plant.advance(drive)
 
 
 def acceleration(plant: Any, drive: Drive, begin: float, end: float, grade: float = 0.0) -> float:
-    """Return the mean acceleration [m/s2] from speed `begin` to `end` [m/s] at constant voltages.
+    """Return the mean acceleration [m/s2] from speed `begin` to `end` [m/s] at constant valve voltages.
 
-    The simulation ends at the speed `end`, at the latest after 30 s. `grade` is the slope in the driving direction
-    [rad].
+    The simulation ends at the speed `end` or after 30 s. `grade` is the slope in the driving direction [rad].
     """
     t, v, sign = [], [], copysign(1.0, end - begin)
     for truth in hold(plant, 30.0, drive):

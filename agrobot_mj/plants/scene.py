@@ -1,6 +1,6 @@
 """Scene for images of the tractor: bodies with attached geoms.
 
-A recording shows a `Scene` and moves its bodies; it is independent of the type of plant.
+A recording shows a `Scene` and moves its bodies, independently of the type of plant.
 """
 
 from typing import NamedTuple

@@ -77,7 +77,7 @@ class CompiledSensor(Sensor):
     values and a measurement.
     """
     absent: ClassVar[Any] = nan
-    """Measurement of a tractor without the sensor, usually NaN."""
+    """Measurement returned if the tractor does not have the sensor, usually NaN."""
 
     enabled: bool = False
     """Whether the sensor is present."""

@@ -39,11 +39,14 @@ class Canopy(Spec):
     sky: Literal["float", "none"] = "float"
     """Best quality of the solution below the canopy: `float` or `none` (no solution)."""
     lapse_share: Annotated[float, Field(ge=0, le=0.95)] = 0.2
-    """Fraction of the time without a solution [-]. Assumed value (0-0.5; maximum for wet broad leaves in summer)."""
+    """Fraction of the time below the canopy without a solution [-]. Assumed value (range 0-0.5; 0.5 for wet broad
+    leaves)."""
     lapse_s: Annotated[float, Field(ge=TICK_S, le=HUGE)] = 2.0
-    """Mean duration of a loss of the solution [s]. Assumed value (0.5-10: a trunk or a branch passed at 1 m/s)."""
+    """Mean duration of a loss of the solution [s]. Assumed value (range 0.5-10, for passing a trunk or a branch at 1
+    m/s)."""
     refix_s: NonNegative = 8.0
-    """Duration of the float solution after leaving the canopy [s]. Assumed value (2-30, to resolve ambiguities)."""
+    """Duration of the float solution after leaving the canopy [s]. Assumed value (range 2-30) for ambiguity
+    resolution."""
 
     @model_validator(mode="after")
     def _encloses_an_area(self) -> "Canopy":
@@ -51,7 +54,7 @@ class Canopy(Spec):
         return self
 
     def init(self, seed: int, index: int) -> CanopyState:
-        """Return the state before the first tick; `index` is the position of the canopy in the receiver's list."""
+        """Return the state before the first tick; `index` is the index of the canopy in the receiver's list."""
         generator = stream(seed, f"gnss.canopy.{index}")
         return CanopyState(generator, bool(generator.random() < self.lapse_share))
 

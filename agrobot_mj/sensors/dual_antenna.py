@@ -1,11 +1,11 @@
 """Heading from two antennas of one receiver, mounted side by side on the roof.
 
-The receiver measures the vector from the right to the left antenna within millimetres; the direction of this vector
-minus 90 degrees is the heading. The error is the relative position error across the baseline divided by the baseline
-length, plus a constant mounting error. The relative position error consists of white noise and a slow first-order
-Gauss-Markov part [Brown2012], because the multipath differs between the antennas. With pitch theta and roll phi the
-horizontal projection of the baseline points atan(sin(theta) tan(phi)) to the right of the axle direction. The heading
-needs only fixed ambiguities between the antennas, and therefore continues without a base station [Jones2026].
+The receiver measures the vector from the right to the left antenna with millimetre accuracy. The heading is the
+direction of this vector minus 90 degrees. Its error is the relative position error across the baseline divided by the
+baseline length, plus a constant mounting error. The relative position error consists of white noise and a slow
+first-order Gauss-Markov part [Brown2012], because the multipath differs between the antennas. With pitch theta and roll
+phi the horizontal projection of the baseline points atan(sin(theta) tan(phi)) to the right of the axle direction. The
+heading needs only fixed ambiguities between the antennas, and therefore continues without a base station [Jones2026].
 """
 
 from math import atan, nan, radians, sin, tan
@@ -59,16 +59,16 @@ class DualAntenna(Spec):
     enabled: bool = False
     """Whether the second antenna is present; otherwise a fix has no heading."""
     baseline_m: Annotated[float, Field(ge=0.1, le=20)] = 1.0
-    """Distance between the antennas [m]. Assumed value (0.5-1.5), the width of a roof."""
+    """Distance between the antennas [m]. Assumed value (range 0.5-1.5) for antennas at the sides of a roof."""
     sigma_m: NonNegative = 0.003
-    """Standard deviation of the white noise in the relative position [m]. Assumed value (0.002-0.004: carrier
-    phase)."""
+    """Standard deviation of the white noise in the relative position [m]. Assumed value (range 0.002-0.004) for
+    carrier-phase positioning."""
     wander_sigma_m: NonNegative = 0.003
-    """Standard deviation of the slow relative position error [m]. Assumed value (0.002-0.006: multipath)."""
+    """Standard deviation of the slow relative position error [m]. Assumed value (range 0.002-0.006) for multipath."""
     wander_time_s: Positive = 115.0
-    """Correlation time of the slow position error [s]. Assumed value: carrier phase on short baselines [Miller2012]."""
+    """Correlation time of the slow position error [s]. Assumed value for short baselines [Miller2012]."""
     mounting_deg: float = 0.0
-    """Constant mounting error of the heading [deg], left positive. Assumed value (up to 1 before calibration)."""
+    """Constant mounting error of the heading [deg], positive to the left. Assumed value (uncalibrated up to 1)."""
 
     def parameters(self, dt: float) -> DualAntennaLaw:
         """Return the parameters of the kernel `antenna_heading` for ticks of length `dt` [s]."""

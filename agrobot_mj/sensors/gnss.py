@@ -28,7 +28,7 @@ FLOAT = Quality.FLOAT
 
 
 def _whole_ticks_apart(rate_hz: float) -> float:
-    """Return `rate_hz`. Raise ValueError unless the interval between solutions is a whole number of ticks."""
+    """Return `rate_hz`. Raise ValueError if the interval between solutions is not a whole number of ticks."""
     ticks = 1.0 / (rate_hz * TICK_S)
     if abs(ticks - round(ticks)) > 1e-9 * ticks:
         raise ValueError(f"must give a period of whole ticks of {TICK_S:g} s, got {rate_hz:g}; try 20, 10 or 5")
@@ -166,47 +166,51 @@ class Gnss(Sensor):
     """RTK-GNSS receiver of the tractor, configured by `[sensors.gnss]`."""
 
     sigma_m: NonNegative = 0.02
-    """Standard deviation of the horizontal position error per axis, white plus correlated [m]. Value from section V-A
-    of the paper."""
+    """Standard deviation of the horizontal position error per axis, white plus correlated [m]. Paper, section V-A."""
     float_sigma_m: NonNegative = 0.3
-    """Standard deviation of the horizontal position error of a float solution per axis [m]. Assumed value (0.2-0.5)."""
+    """Standard deviation of the horizontal position error of a float solution per axis [m]. Assumed value (range
+    0.2-0.5)."""
     correlated_fraction: Fraction = 0.3
-    """Correlated fraction of the position error variance [-]. Assumed value (0.2-0.6: multipath, atmosphere)."""
+    """Correlated fraction of the position error variance [-]. Assumed value (range 0.2-0.6) for multipath and
+    atmosphere."""
     correlation_time_s: Positive = 30.0
-    """Correlation time of the correlated position error [s]. Assumed value (ten seconds to minutes: multipath)."""
+    """Correlation time of the correlated position error [s]. Assumed value for multipath (10 s to several minutes)."""
     float_correlated_fraction: Fraction = 0.9
-    """Correlated fraction of the float error variance [-]. Assumed value (0.7-1): all ambiguities change slowly."""
+    """Correlated fraction of the float error variance [-]. Assumed value (range 0.7-1) for slowly changing
+    ambiguities."""
     float_correlation_time_s: Positive = 120.0
-    """Correlation time of the float error [s]. Assumed value (minutes: the ambiguities converge)."""
+    """Correlation time of the float error [s]. Assumed value: the ambiguities converge within minutes."""
     multipath_sigma_m: NonNegative = 0.0
     """Standard deviation of an additional Gauss-Markov error of a fixed solution, horizontal per axis [m]. Default: no
-    multipath error. Assumed value: 0.004-0.008 in the field."""
+    multipath error. Assumed value (range 0.004-0.008 in the field)."""
     multipath_time_s: Positive = 115.0
-    """Correlation time of the multipath error [s]. Assumed value: carrier phase, baselines up to 10 km [Miller2012]."""
+    """Correlation time of the multipath error [s]. Assumed value for baselines up to 10 km [Miller2012]."""
     drift_sigma_m: NonNegative = 0.0
     """Standard deviation of a slow Gauss-Markov error of a fixed solution due to atmosphere and satellites [m].
-    Default: no drift. Assumed value (0.005-0.015) for a base station at 10-20 km."""
+    Default: no drift. Assumed value (range 0.005-0.015) for a base station at 10-20 km."""
     drift_time_s: Positive = 900.0
-    """Correlation time of the slow error (drift) [s]. Assumed value: network RTK, 13-17 min [Odolinski2012]."""
+    """Correlation time of the slow error (drift) [s]. Assumed value for network RTK (13-17 min) [Odolinski2012]."""
     height_ratio: NonNegative = 2.0
-    """Ratio of height error to horizontal error per axis [-], for all position errors. Assumed value (1.5-3)."""
+    """Ratio of height error to horizontal error per axis [-], for all position errors. Assumed value (range 1.5-3)."""
     velocity_sigma_m_s: NonNegative = 0.03
-    """Standard deviation of the white velocity noise per axis [m/s]. Assumed value (0.01-0.05: Doppler)."""
+    """Standard deviation of the white velocity noise per axis [m/s]. Assumed value (range 0.01-0.05) for velocities
+    computed from Doppler shifts."""
     rate_hz: Annotated[float, Field(ge=1, le=20), AfterValidator(_whole_ticks_apart)] = 20.0
-    """Number of solutions per second [Hz], at intervals of whole ticks. Assumed value (5-20 for guidance)."""
+    """Number of solutions per second [Hz], at intervals of whole ticks. Assumed value (range 5-20 for guidance)."""
     latency_s: Latency = 0.0
-    """Latency of a solution [s], in whole ticks. Assumed value: below a tick in receivers, up to 0.2 s over radio."""
+    """Latency of a solution [s], in whole ticks. Assumed value: below a tick in a receiver, up to 0.2 s by radio."""
     configured_ahead_m: AntennaPlace | None = None
-    """Distance of the antenna ahead of the rear axle in the on-board configuration [m]. Default: the true value."""
+    """Distance of the antenna ahead of the rear axle, set in the on-board computer [m]. Default: the true value."""
     configured_left_m: AntennaPlace | None = None
-    """Lateral offset of the antenna in the on-board configuration [m], left positive. Default: the true value."""
+    """Offset of the antenna to the left, set in the on-board computer [m]. Default: the true value."""
     dual_antenna: DualAntenna = DualAntenna()
     """Second antenna for the heading. Default: absent."""
     canopy: Annotated[tuple[Canopy, ...], Field(max_length=100)] = ()
     """Parts of the field with an obstructed view of the sky, configured by `[[sensors.gnss.canopy]]`."""
 
     def configured(self, ahead: float, left: float) -> tuple[float, float]:
-        """Return the configured antenna position ahead and left of the rear axle [m], by default the true position."""
+        """Return the antenna distances ahead and left of the rear axle [m] as configured, by default the true
+        values."""
         given_ahead, given_left = self.configured_ahead_m, self.configured_left_m
         return ahead if given_ahead is None else given_ahead, left if given_left is None else given_left
 
@@ -251,7 +255,7 @@ class Gnss(Sensor):
         return GnssState(noise._replace(values=errors), delivery), reading
 
     def sky(self, state: Delivery, truth: Truth, conditions: Conditions, dt: float) -> tuple[Delivery, Sky]:
-        """Return the state after updating the canopies, and the reception conditions at the antenna's position."""
+        """Update the signal blockage by canopies; return the new state and the reception conditions at the antenna."""
         quality = conditions.gnss_quality
         if self.canopy:
             found = []
@@ -266,7 +270,7 @@ class Gnss(Sensor):
 
     @property
     def immediate(self) -> bool:
-        """Whether the receiver delivers a fixed solution in every tick without faults."""
+        """Whether each tick without faults delivers a fixed solution without latency."""
         return not self.canopy and round(self.latency_s / TICK_S) == 0 and round(1.0 / (self.rate_hz * TICK_S)) == 1
 
     def deliver(
@@ -274,9 +278,9 @@ class Gnss(Sensor):
     ) -> tuple[Delivery, GnssReading]:
         """Return the new state and the solution delivered in the tick in which `fix` and `heading` were computed.
 
-        Quality and offset in `conditions` apply to the solution computed in this tick, the latency to the delivered
-        solution. While the latency increases, no solution arrives. When the latency decreases, overtaken solutions are
-        lost.
+        Quality and offset in `conditions` apply to the solution computed in this tick; the latency applies to the
+        solution delivered in this tick. While the latency increases, no solution arrives. When it decreases, solutions
+        overtaken by newer ones are lost.
         """
         canopies, line, pending, last = state
         if self.dual_antenna.enabled:
@@ -301,12 +305,12 @@ class Gnss(Sensor):
 
 
 def _part(sigma: float, share: float, kept: Shares) -> ErrorPart:
-    """Return the parameters of an error `sigma` [m] whose variance has the correlated fraction `share`."""
+    """Return the parameters of an error with standard deviation `sigma` [m] and correlated fraction `share` [-]."""
     return ErrorPart(sigma * sqrt(share), sigma * sqrt(1.0 - share), kept)
 
 
 def _frozen(fix: Fix, last: Fix, keep: Frozen) -> Fix:
-    """Return the solution `fix`, or for a frozen receiver the position of `last` with the current time."""
+    """Return the solution `fix` or, if the receiver is frozen, the position of `last` with the current time."""
     match keep:
         case "":
             return fix

@@ -1,8 +1,8 @@
 """Yaw-rate gyro, whose error consists of constant bias, random walk of the bias, and white noise.
 
 Measurements are in rad/s, keys in deg/s. The random walk has a separate random stream and starts at zero. A gyro fixed
-to the chassis measures the rate about the chassis axis. On a slope its output differs from the yaw rate by the cosine
-of the tilt and contains parts of the roll and pitch rates.
+to the chassis measures the rate about the chassis axis. On a slope, it measures the yaw rate times the cosine of the
+tilt plus parts of the roll and pitch rates.
 """
 
 from math import radians, sqrt
@@ -48,16 +48,18 @@ class Gyro(CompiledSensor, OptionalSensor):
     axes: Literal["vertical", "body"] = "vertical"
     """Measured axis: `vertical` for a levelled gyro, `body` for a gyro that tilts with the chassis."""
     sigma_deg_s: NonNegative = 0.1
-    """Standard deviation of the white noise [deg/s]. Assumed value (0.05-0.3) for a MEMS gyro averaged over a tick."""
+    """Standard deviation of the white noise [deg/s]. Assumed value (range 0.05-0.3) for a MEMS gyro averaged over a
+    tick."""
     bias_deg_s: float = 0.0
     """Constant bias [deg/s]. Default: 0. Assumed value after calibration (up to 0.1)."""
     bias_walk_deg_s_rt_s: NonNegative = 0.002
-    """Random walk of the bias [deg/s/sqrt(s)]. Assumed value (0.001-0.01; maximum for a MEMS gyro during warm-up)."""
+    """Random-walk coefficient of the bias [deg/s/sqrt(s)]. Assumed value (range 0.001-0.01; maximum for MEMS gyros
+    during warm-up)."""
 
     def parameters(self, dt: float) -> GyroLaw:
         """Return the parameters of the kernel `gyro_rate` for ticks of length `dt` [s]."""
         return GyroLaw(self.axes == "body", self.sigma_deg_s, self.bias_deg_s, self.bias_walk_deg_s_rt_s * sqrt(dt))
 
     def init(self, seed: int) -> Noise:
-        """Return the initial state, with a random-walk part of zero in the bias."""
+        """Return the initial state, in which the random walk of the bias is zero."""
         return Noise((stream(seed, "gyro"), stream(seed, "gyro.bias")), GyroValues())

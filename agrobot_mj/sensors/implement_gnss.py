@@ -1,8 +1,8 @@
 """Second GNSS receiver on the implement, which measures the position of the implement's tool or axle.
 
-The measurement is the working point in ENU: the inertial unit of the receiver corrects the antenna position for tilt,
-so that the antenna height has no effect. The error has white and correlated parts, as for the tractor's receiver.
-Latency and signal losses are not modelled.
+The measurement is the ENU position of the working point. The inertial unit of the receiver corrects the antenna
+position for tilt, so that the antenna height has no effect. The error has white and correlated parts, as for the
+tractor's receiver. Latency and signal losses are not modelled.
 """
 
 from math import nan, sqrt
@@ -59,9 +59,9 @@ class ImplementGnss(CompiledSensor):
     sigma_m: NonNegative = 0.02
     """Standard deviation of the position error per axis, white plus correlated [m]. Assumed value, as for `gnss`."""
     correlated_fraction: Fraction = 0.2
-    """Correlated fraction of the position error variance [-]. Assumed value (0.1-0.5)."""
+    """Correlated fraction of the position error variance [-]. Assumed value (range 0.1-0.5)."""
     correlation_time_s: Positive = 60.0
-    """Correlation time of the correlated position error [s]. Assumed value (30-300)."""
+    """Correlation time of the correlated position error [s]. Assumed value (range 30-300)."""
 
     def parameters(self, dt: float) -> ImplementGnssLaw:
         """Return the parameters of the kernel `implement_fix` for ticks of length `dt` [s]."""

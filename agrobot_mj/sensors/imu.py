@@ -1,16 +1,16 @@
 """Inertial unit, which measures roll and pitch with gyros and accelerometers.
 
-Gyros propagate the attitude from tick to tick. Accelerometers correct the attitude with the time constant tau by the
-components of the specific force f along the level axes divided by g, like the levelling loop of an inertial navigation
-system. Shocks cause no bias in this loop, since the mean of a level component is a change of velocity. They cause a
-bias of an inclinometer, which measures the direction of f: a bump on rough ground pushes up and back at the same time.
-The unit interprets accelerations as tilt: in a frame that rotates with the yaw rate r the error settles at e / (1 +
-(tau r)^2), with e = a / g for a lateral acceleration a. With aiding, the unit subtracts speed times yaw rate and the
-change of speed; the accelerations from sideslip, heave and the lever arm remain. The mean of f over a tick is computed
-from the velocities at the start and end of the tick.
+Gyros propagate the attitude from tick to tick. Accelerometers correct the attitude with the time constant tau, using
+the specific force f along the level axes, divided by g, like the levelling loop of an inertial navigation system.
+Shocks cause no bias in this loop, because accelerations along a level axis average to zero. They bias an inclinometer,
+which measures the direction of f: a bump pushes the tractor up and back at the same time. The unit interprets
+accelerations as tilt: in a frame that rotates with the yaw rate r the error settles at e / (1 + (tau r)^2), with e = a
+/ g for a lateral acceleration a. With aiding, the unit subtracts speed times yaw rate and the change of speed; the
+accelerations from sideslip, heave and the lever arm remain. The mean of f over a tick is computed from the velocities
+at the start and end of the tick.
 
 Each axis has additional errors: constant bias, slow first-order Gauss-Markov error (thermal drift) [Brown2012] and
-white noise. Angles are in rad as in ISO 8855 (roll left side up, pitch nose down positive), keys in deg.
+white noise. Angles are in rad as in ISO 8855 (positive for left side up and nose down), keys in deg.
 """
 
 from math import atan2, exp, hypot, nan, radians
@@ -37,7 +37,7 @@ class Attitude(NamedTuple):
 
 
 class UnitMotion(NamedTuple):
-    """Motion at the end of a tick, used to compute the acceleration in the next tick."""
+    """Motion of the unit and the tractor at the end of a tick, used to compute the acceleration in the next tick."""
 
     velocity: Vector  # Velocity of the inertial unit, ENU [m/s]
     speed: float  # Speed of the tractor along its heading [m/s]
@@ -70,7 +70,7 @@ class ImuValues(NamedTuple):
 
 @jit
 def attitude(p: ImuLaw, s: ImuValues, streams: tuple[int], motion: SensedMotion) -> tuple[ImuValues, Attitude]:
-    """Return the new state, and the measured roll and pitch [rad] with the specific force [m/s2]."""
+    """Return the new state and the measurement: roll and pitch [rad], and specific force [m/s2]."""
     error = wandered_plane(s.error, p.kept, streams[0])
     e_r = p.bias[0] + p.slow * error[0] + p.sigma * normal(streams[0])
     e_p = p.bias[1] + p.slow * error[1] + p.sigma * normal(streams[0])
@@ -107,7 +107,7 @@ def _acceleration(last: UnitMotion, now: UnitMotion, turned: float, dt: float) -
 
 @jit
 def _known(p: ImuLaw, last: UnitMotion, now: UnitMotion, turned: float) -> tuple[float, float]:
-    """Return the acceleration that the unit subtracts [m/s2], forward and to the left, or 0 without aiding."""
+    """Return the acceleration computed by aiding [m/s2], forward and to the left, or 0 without aiding."""
     if not p.aided:
         return 0.0, 0.0
     return (now.speed - last.speed) / p.dt, (now.speed + last.speed) / 2 * turned / p.dt
@@ -117,7 +117,7 @@ def _known(p: ImuLaw, last: UnitMotion, now: UnitMotion, turned: float) -> tuple
 def _levelled(
     p: ImuLaw, tilt: tuple[float, float], pull: Vector, turned: float, motion: SensedMotion
 ) -> tuple[float, float]:
-    """Return the errors of roll and pitch [rad] after a tick whose uncompensated acceleration is `pull` [m/s2]."""
+    """Return the tilt errors of roll and pitch [rad] after a tick with the uncompensated acceleration `pull` [m/s2]."""
     if p.inclined:
         f_x, f_y, f_z = _force(pull, motion)
         return atan2(f_y, f_z) - motion.roll, atan2(-f_x, hypot(f_y, f_z)) - motion.pitch
@@ -142,22 +142,24 @@ class Imu(CompiledSensor):
     enabled: bool = False
     """Whether the inertial unit is present; otherwise roll and pitch are NaN."""
     aiding: Literal["none", "speed"] = "speed"
-    """Aiding: `speed` to subtract accelerations computed from speed and yaw rate, or `none` to disable this
-    correction."""
+    """Aiding: `speed` to subtract accelerations computed from speed and yaw rate, or `none` to subtract no
+    accelerations."""
     time_constant_s: NonNegative = 3.0
-    """Time constant of the levelling by accelerometers [s], or 0 for an inclinometer. Assumed value (1-20)."""
+    """Time constant of the levelling by accelerometers [s], or 0 for an inclinometer. Assumed value (range 1-20)."""
     ahead_m: float = 0.0
-    """Distance of the unit ahead of the rear axle [m]. Assumed value: 0, above the axle."""
+    """Distance of the unit ahead of the rear axle [m]. Assumed value for a unit above the axle."""
     left_m: float = 0.0
-    """Lateral offset of the unit [m], left positive. Assumed value: 0, on the centre line."""
+    """Lateral offset of the unit [m], positive to the left. Assumed value for a unit on the centre line."""
     up_m: float = 1.0
-    """Height of the unit above the ground below the rear axle [m]. Assumed value (0.5-3), cab floor to cab roof."""
+    """Height of the unit above the ground below the rear axle [m]. Assumed value (range 0.5-3, from cab floor to cab
+    roof)."""
     sigma_deg: NonNegative = 0.1
-    """Standard deviation of the white noise of each axis [deg]. Assumed value (0.02-0.2) for the mean over a tick."""
+    """Standard deviation of the white noise of each axis [deg]. Assumed value (range 0.02-0.2) for the mean over a
+    tick."""
     wander_sigma_deg: NonNegative = 0.2
-    """Standard deviation of the slow error of each axis [deg]. Assumed value (0.1-0.5 in guidance systems)."""
+    """Standard deviation of the slow error of each axis [deg]. Assumed value (range 0.1-0.5 in guidance systems)."""
     wander_time_s: Positive = 60.0
-    """Correlation time of the slow error [s]. Assumed value: tens of seconds to minutes."""
+    """Correlation time of the slow error [s]. Assumed value (tens of seconds to minutes)."""
     roll_bias_deg: float = 0.0
     """Constant roll error due to mounting [deg]. Default: 0. Assumed value without calibration (up to 0.5)."""
     pitch_bias_deg: float = 0.0

@@ -35,7 +35,7 @@ class PotentiometerLaw(NamedTuple):
 
 @jit
 def rounded_mean(p: PotentiometerLaw, generator: int, history: Vector) -> float:
-    """Return the weighted mean of samples of the signal `history` (n,), each with noise and rounded to a count."""
+    """Return the weighted mean of noisy samples of the signal `history` (n,), each rounded to the resolution."""
     total, last = 0.0, history.size - 1
     for i in range(p.weights.size):
         left = p.before[i]
@@ -53,13 +53,14 @@ class Potentiometer(Sensor):
     resolution_deg: Positive = 1.0
     """Resolution to which each sample is rounded [deg]. Paper, section V-B."""
     noise_sigma_deg: NonNegative = 0.5
-    """Standard deviation of the white noise of a sample [deg], which reduces rounding errors. Assumed value (0.2-1)."""
+    """Standard deviation of the white noise of a sample [deg]; noise reduces rounding errors. Assumed value (range
+    0.2-1)."""
     samples: int = Field(100, ge=1, le=1000)
-    """Number of evenly spaced samples per tick [-], with the last one at the end of the tick. Paper, section V-B."""
+    """Number of evenly spaced samples per tick [-], the last at the end of the tick. Paper, section V-B."""
     savgol_window: int = Field(21, ge=1)
-    """Window length of the Savitzky-Golay filter, an odd number of samples [-]. Assumed value (11-31)."""
+    """Window length of the Savitzky-Golay filter, an odd number of samples [-]. Assumed value (range 11-31)."""
     savgol_polyorder: int = Field(3, ge=0)
-    """Polynomial order of the Savitzky-Golay filter [-]. Assumed value (2-4)."""
+    """Polynomial order of the Savitzky-Golay filter [-]. Assumed value (range 2-4)."""
 
     @model_validator(mode="after")
     def _filter_fits(self) -> "Potentiometer":
@@ -73,7 +74,7 @@ class Potentiometer(Sensor):
 
     @property
     def weights(self) -> Vector:
-        """Weights of the samples in the measurement, from filter and mean [-]; their sum is 1, shape (samples,)."""
+        """Weights of the samples in the filtered and averaged measurement [-]; their sum is 1, shape (samples,)."""
         return _mean_of_savgol(self.samples, self.savgol_window, self.savgol_polyorder)
 
     @property
@@ -82,7 +83,7 @@ class Potentiometer(Sensor):
         return 180.0 / pi
 
     def init(self, seed: int) -> Generator:
-        """Return the random stream of the sensor, advanced in place."""
+        """Return the random stream of the sensor, which `measure` advances in place."""
         return stream(seed, self.place)
 
     def parameters(self, steps: int) -> PotentiometerLaw:
@@ -123,7 +124,7 @@ class SteeringPotentiometer(Potentiometer):
     """Third-order error at 45 deg [deg], with opposite signs for left and right angles, due to levers of unequal
     length."""
     centre_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
-    """Steering angle measured in straight travel [deg], due to a wrong centre in the on-board computer."""
+    """Angle measured at a steering angle of 0 [deg], due to a wrong centre in the on-board computer."""
     scale_left: Annotated[float, Field(ge=0.2, le=5)] = 1.0
     """Measured angle divided by the true angle when steering left [-], due to a wrong scale in the on-board
     computer."""
@@ -147,7 +148,7 @@ class SteeringPotentiometer(Potentiometer):
         return delta + radians(self.centre_deg) if self.centre_deg else delta
 
     def seen(self, truth: Truth) -> Array:
-        """Return the measured angles without noise after each physics step [rad], left positive, shape (n,)."""
+        """Return the measured angles without noise after each physics step [rad], positive to the left, shape (n,)."""
         if self.at == "virtual" or not truth.knuckle_samples.size:
             return self.characteristic(truth.steer_samples)
         return self.characteristic(truth.knuckle_samples[0 if self.at == "left" else 1])
@@ -159,7 +160,7 @@ class PedalPotentiometer(Potentiometer):
     place = "pedal_pot"
 
     travel_deg: Positive = 25.0
-    """Potentiometer angle at full pedal [deg], in both directions. Assumed value (20-30)."""
+    """Potentiometer angle at full pedal [deg], in both directions. Assumed value (range 20-30)."""
 
     @property
     def degrees_per_unit(self) -> float:
@@ -167,7 +168,7 @@ class PedalPotentiometer(Potentiometer):
         return self.travel_deg
 
     def seen(self, truth: Truth) -> Array:
-        """Return the true pedal position [-] after each physics step, -1 to 1, shape (n,)."""
+        """Return the true pedal position after each physics step [-], from -1 to 1, shape (n,)."""
         return truth.pedal_samples
 
 
@@ -194,8 +195,8 @@ def _mean_of_savgol(samples: int, window: int, polyorder: int) -> Vector:
 def savgol_matrix(samples: int, window: int, polyorder: int) -> Array:
     """Return the Savitzky-Golay filter as a matrix, shape (samples, samples) [Savitzky1964].
 
-    The ends use the fit to the last window. The result equals `scipy.signal.savgol_filter` of the unit matrix, without
-    the import time of `scipy.signal`.
+    Samples near an end use the fit to the first or last window. The result equals `scipy.signal.savgol_filter` of the
+    unit matrix, without the import time of `scipy.signal`.
     """
     half, at, found = window // 2, np.arange(window), np.zeros((samples, samples))
     powers = np.arange(half, -half - 1, -1.0) ** np.arange(polyorder + 1)[:, None]

@@ -27,7 +27,7 @@ class Laws(NamedTuple):
     steering_pot: PotentiometerLaw
     pedal_pot: PotentiometerLaw
     present: tuple[bool, bool, bool, bool, bool]
-    """Whether gyro, inertial unit, wheel speed, radar and receiver on the implement are present."""
+    """Whether each of gyro, inertial unit, wheel speed, radar and receiver on the implement is present."""
     gnss: GnssLaw
     gyro: GyroLaw
     imu: ImuLaw
@@ -37,7 +37,7 @@ class Laws(NamedTuple):
 
 
 class Values(NamedTuple):
-    """Numeric values in the state of each compiled sensor between two ticks."""
+    """Numeric state of each compiled sensor, carried from one tick to the next."""
 
     gnss: FixErrors
     gyro: GyroValues
@@ -101,7 +101,7 @@ def sense(
 ) -> tuple[Held[Values], SensorReadings, bool]:
     """Return the sensor states after a tick, the measurements, and whether the true state is finite.
 
-    `steer` (n,) is the signal of the steering potentiometer, or an empty array for the steering angle.
+    `steer` (n,) is the signal that the steering potentiometer samples, or empty for the true steering angle.
     """
     p, s, streams, truth = fetched(p), fetched(s), fetched(streams), fetched(truth)
     motion = motion_of(truth)

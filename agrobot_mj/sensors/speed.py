@@ -11,7 +11,7 @@ contact patch. A Doppler radar below the tractor is independent of slip and meas
 
 where moving crops and clods (ground) and the pitch of the tractor change the measurement. Slip and ground are slow
 first-order Gauss-Markov errors [Brown2012]. Below a minimum speed both measurements are zero, because pulses are too
-far apart and vibration masks the Doppler shift.
+rare and vibration masks the Doppler shift.
 """
 
 from math import cos
@@ -77,17 +77,18 @@ class WheelSpeed(SpeedSensor):
     law = wheel_speed
 
     sigma_m_s: NonNegative = 0.02
-    """Standard deviation of the white noise [m/s]. Assumed value (0.01-0.03) for counting pulses within a tick."""
+    """Standard deviation of the white noise [m/s]. Assumed value (range 0.01-0.03) for counting pulses within a
+    tick."""
     scale_error: float = 0.02
-    """Constant relative error: assumed wheel radius divided by true radius, minus 1 [-]. Assumed value (0-0.05, due to
-    wear and pressure)."""
+    """Constant relative error: assumed wheel radius divided by true radius, minus 1 [-]. Assumed value (range 0-0.05,
+    due to wear and pressure)."""
     slip_sigma: NonNegative = 0.002
-    """Standard deviation of the slip variation [-]. Assumed value (0.001-0.01): a tenth of the mean slip without
+    """Standard deviation of the slip variation [-]. Assumed value (range 0.001-0.01): a tenth of the mean slip without
     draught."""
     slip_time_s: Positive = 10.0
-    """Correlation time of the slip variation [s]. Assumed value: the travel time over 10 m."""
+    """Correlation time of the slip variation [s]. Assumed value: the time of travel over 10 m at 1 m/s."""
     least_speed_m_s: NonNegative = 0.03
-    """Speed below which the measurement is zero [m/s]. Assumed value: several pulses per second."""
+    """Speed below which the measurement is zero [m/s]. Assumed value: several pulses per second at this speed."""
 
     def parameters(self, dt: float) -> SpeedLaw:
         """Return the parameters of the kernel `wheel_speed` for ticks of length `dt` [s]."""
@@ -102,15 +103,16 @@ class RadarSpeed(SpeedSensor):
     law = radar_speed
 
     sigma_m_s: NonNegative = 0.03
-    """Standard deviation of the white noise [m/s]. Assumed value (0.02-0.05: width of the Doppler spectrum)."""
+    """Standard deviation of the white noise [m/s]. Assumed value (range 0.02-0.05) due to the width of the Doppler
+    spectrum."""
     scale_error: float = 0.01
-    """Constant relative error [-]. Assumed value (0-0.03) for a wrong mounting angle."""
+    """Constant relative error [-]. Assumed value (range 0-0.03) due to a wrong mounting angle."""
     ground_sigma: NonNegative = 0.01
-    """Standard deviation of the slow relative error from crops and clods [-]. Assumed value (0.005-0.03)."""
+    """Standard deviation of the slow relative error due to crops and clods [-]. Assumed value (range 0.005-0.03)."""
     ground_time_s: Positive = 5.0
-    """Correlation time of the slow relative error [s]. Assumed value: the travel time over several metres."""
+    """Correlation time of the slow relative error [s]. Assumed value: the time of travel over several metres."""
     least_speed_m_s: NonNegative = 0.2
-    """Speed below which the measurement is zero [m/s]. Assumed value (0.1-0.5)."""
+    """Speed below which the measurement is zero [m/s]. Assumed value (range 0.1-0.5)."""
 
     def parameters(self, dt: float) -> SpeedLaw:
         """Return the parameters of the kernel `radar_speed` for ticks of length `dt` [s]."""

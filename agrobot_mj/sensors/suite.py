@@ -35,7 +35,7 @@ LINES = {
     "imu_roll": ("imu", "roll"),
     "imu_pitch": ("imu", "pitch"),
 }
-"""Sensor and field of its measurement ("" for a number) for each signal line that `Conditions` can distort."""
+"""Sensor and field of its measurement ("" for a number) for each signal line that faults can distort."""
 NO_SAMPLES = np.zeros(0)  # Replacement of the steering-angle samples in the true state
 
 
@@ -48,7 +48,7 @@ class SensorState(NamedTuple):
     states: dict[str, Any]  # States of the sensors that are not compiled
     readings: dict[str, Any]  # Last measurement of each sensor, or an empty mapping before the first tick
     lines: tuple[tuple[str, SignalLine], ...] = ()
-    """Signal lines distorted in the last tick, by name. Other lines transmitted their measurements unchanged."""
+    """State of each signal line that was distorted in the last tick, by name. Other lines transmit values unchanged."""
     sound: bool = True  # Whether the numbers of the true state are finite
 
 
@@ -117,7 +117,7 @@ KINDS = {name: type(getattr(Sensors(), name)) for name in Generators._fields}  #
 def _split(sensors: Sensors) -> tuple[dict[str, Any], dict[str, Sensor]]:
     """Return the sensors evaluated in the compiled call, and the sensors evaluated by their method `measure`.
 
-    If the class of a sensor overrides `measure` or `seen`, the compiled call contains a default sensor in its place.
+    A sensor whose class overrides `measure` or `seen` is in the second group, with a default sensor in the first.
     """
     every = sensors.all
     compiled = {k: every[k] if _methods(type(every[k])) == _methods(kind) else kind() for k, kind in KINDS.items()}
@@ -241,7 +241,7 @@ def _suite(sensors: Sensors, dt: float) -> Suite:
 def _distort(
     readings: dict[str, Any], last: SensorState, conditions: Conditions, dt: float
 ) -> tuple[tuple[str, SignalLine], ...]:
-    """Write the transmitted values of distorted lines into `readings`. Return the lines after a tick of `dt` [s]."""
+    """Write the transmitted values of distorted lines into `readings`; return the states of these lines."""
     before, lines = dict(last.lines), []
     for name, (sensor, field) in LINES.items():
         if (distortion := getattr(conditions, name)) != SOUND:

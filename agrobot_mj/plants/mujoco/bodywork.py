@@ -33,14 +33,14 @@ KINDS = {
     "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
 }
 WHEEL_DISCS = (("rim", 0.6, 0.003, "rim"), ("disc", 0.48, 0.006, "iron"), ("hub", 0.2, 0.012, "rim"))
-"""Discs of a drawn wheel: radius divided by tyre radius [-], protrusion on both sides of the tyre [m], material."""
+"""Discs of a drawn wheel: name, radius divided by tyre radius [-], protrusion from each tyre side [m], and material."""
 HOOD = np.array((0.50, 0.24, 0.30)), np.array((1.06, 0.0, 0.74))
 BAR, BAR_RADIUS = np.array((-0.16, -0.36, 1.85, -0.16, 0.36, 1.85)), 0.05
-"""Half sizes and centre of the default tractor's bonnet contact box; ends and radius of its contact roll bar [m]."""
+"""Contact shapes of the default tractor: half sizes and centre of the bonnet, ends and radius of the roll bar [m]."""
 LUGS, LEAN_DEG = 14.0, 25.0
 """Half the number of lugs on a tyre of 1 m radius [-], and angle between lugs and axle direction [deg]."""
 FENDER_DEG = (-62.0, -31.0, 0.0, 31.0, 62.0)
-"""Angular positions of the fender segments about the wheel centre [deg], from the vertical, positive forward."""
+"""Angular positions of the fender segments about the wheel centre, measured forward from the vertical [deg]."""
 
 
 class Panel(NamedTuple):
@@ -63,7 +63,7 @@ class Outline(NamedTuple):
     narrow: float
     """Half the free width between the front wheels at full steering angle [m], negative if there is no free width."""
     between: tuple[float, float]
-    """Interval of x between the rear wheels and the steered front wheels: rear and front end [m]."""
+    """x coordinates of the rear and front end of the space between rear wheels and steered front wheels [m]."""
     floor: float
     dash: float  # x coordinate of the bonnet's rear end [m]
     nose: float  # x coordinate of the bonnet's front end [m]
@@ -95,7 +95,7 @@ def dress(spec: mujoco.MjSpec, t: TractorParameters) -> None:
 
 
 def touching(t: TractorParameters) -> tuple[Panel, Panel]:
-    """Return the contact geoms of bonnet and roll bar, for ground contact after a roll-over, scaled to the tractor."""
+    """Return the contact geoms of bonnet and roll bar, scaled to the tractor, for ground contact after a roll-over."""
     o, default = outline(t), outline(COMPACT)
     shares = np.array((t.wheelbase_m / COMPACT.wheelbase_m, o.half / default.half, o.high / default.high))
     size, pos, ends = shares * HOOD[0], shares * HOOD[1], np.tile(np.array(o.bar) / default.bar, 2) * BAR
@@ -106,14 +106,13 @@ def touching(t: TractorParameters) -> tuple[Panel, Panel]:
 
 
 def bodies(t: TractorParameters) -> dict[str, list[Panel]]:
-    """Return the visual parts of chassis and wheels by body name, each in the frame of its body."""
+    """Return the visual parts of the chassis and each wheel by body name, in the frame of the body."""
     sizes = {"f": (t.front_wheel_radius_m, t.front_wheel_width_m), "r": (t.rear_wheel_radius_m, t.rear_wheel_width_m)}
     return {"chassis": list(parts(t))} | {f"wheel_{name}": list(wheel(name, *sizes[name[0]])) for name in WHEELS}
 
 
 def _size_axle(spec: mujoco.MjSpec, t: TractorParameters, top: float) -> None:
-    """Set the sizes of the axle beam, axle post, steering arm and kingpins; `top` is the upper limit of the post
-    [m]."""
+    """Set the sizes of the axle beam, axle post, steering arm and kingpins; `top` limits the post height [m]."""
     r, half = t.front_wheel_radius_m, t.track_m / 2
     k = r / COMPACT.front_wheel_radius_m
     beam, post, arm = (spec.geom(name) for name in ("axle_beam", "axle_post", "steering_arm"))
@@ -174,7 +173,7 @@ def outline(t: TractorParameters) -> Outline:
 
 
 def _above_the_wheels(room: float, radius: float, width: float) -> float:
-    """Return the maximum height [m] of a steered front wheel at the distance `room` [m] inwards of its centre."""
+    """Return the maximum height [m] of a steered front wheel at the distance `room` [m] inward from its centre."""
     if room >= sqrt(radius**2 + (width / 2) ** 2):
         return 0.0
     chord2 = max(room, width / 2) ** 2 - (width / 2) ** 2

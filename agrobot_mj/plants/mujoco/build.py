@@ -2,7 +2,7 @@
 
 The running plant calls `build` first. Studies call only `build` to check their runs, without settling or kernels.
 
-The checks include the numerical stability of tractor and implement; a message names the key and its limit. The
+The checks include the numerical stability of tractor and implement; error messages name the key and its limit. The
 integration is explicit in the forces of tyres and soil. A mass m on a spring k and a damper c is then stable if 2 c dt
 + k dt^2 < 4 m. For several bodies 1 / m is replaced by the maximum eigenvalue of J M^-1 J', with the inertia matrix M
 and the Jacobian J of all contact points in one direction. The constraints of the steering linkage are omitted, which is
@@ -45,7 +45,7 @@ FRONT, REAR = np.array([1.0, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0])
 
 
 class Part(NamedTuple):
-    """Springs or dampers at contact points, with a constant given by one key."""
+    """Springs or dampers at contact points, whose stiffness or damping is set by one scenario key."""
 
     key: str
     value: float | None  # Value of the key, or None if an external tyre or implement has no such key
@@ -54,7 +54,7 @@ class Part(NamedTuple):
 
 
 class Sprung(NamedTuple):
-    """All springs and dampers that act in one direction at a set of contact points."""
+    """All springs and dampers that act along one axis at a set of contact points."""
 
     axis: int  # Direction: 0 forward, 1 to the left, 2 up
     bodies: tuple[int, ...]  # MuJoCo id of the body to which each point is attached
@@ -105,7 +105,7 @@ def _limit(part: Part, share: float) -> str:
 def _tyres(
     model: mujoco.MjModel, data: mujoco.MjData, tyres: TyreSet, tractor: TractorParameters, tyre: TyreBase
 ) -> tuple[Sprung, ...]:
-    """Return the springs of the tractor's tyres in the vertical, longitudinal and lateral directions.
+    """Return the springs and dampers of the tractor's tyres in the vertical, longitudinal and lateral directions.
 
     The longitudinal carcass spring is attached to the rotating wheel, the other springs to the carrier of the wheel.
     """
@@ -161,7 +161,7 @@ def _springs(spec: ImplementBase, name: str, wheel: AxleWheel | DepthWheel, on: 
 
 
 def _value(owner: Any, key: str, left_out: float | None = None) -> float | None:
-    """Return the number at a dotted key of `owner`: `left_out` for a value of None, None for a missing key."""
+    """Return the number at the dotted `key` of `owner`, `left_out` if the value is None, or None for a missing key."""
     for name in key.split("."):
         if not hasattr(owner, name):
             return None
@@ -185,14 +185,14 @@ class Built(NamedTuple):
 
 
 Payloads = Sequence[tuple[int, tuple[PointMass, ...]]]
-"""Sets of point masses on the chassis, each with the index of the fault that adds the set."""
+"""Sets of point masses on the chassis, each with the index of the fault that starts or ends the set."""
 
 
 def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1, payloads: Payloads = ()) -> Built:
     """Return the compiled tractor on its ground, for physics steps of `dt` [s].
 
     `seed` determines the variation of the implement's draught. Raises ValueError, naming the key, if the tractor is
-    physically impossible or numerically unstable, also with one of the `payloads`.
+    numerically unstable, or if the tractor or one of the `payloads` is physically impossible.
     """
     tyres = tyre_set(tyre, machine.tractor)
     parts = tractor_spec(machine)
@@ -211,9 +211,9 @@ def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1
 
 
 LIGHT_STEP_S, FASTEST_TURN = 0.0025, 130.0
-"""Physics step of `physics = "fast"` for light wheels [s], and minimum angular frequency sqrt(2 k / m) of a light wheel
-[rad/s]: a disc that rotates on its tyre. With steps of 5 ms light wheels vibrate, and a parked tractor creeps by 0.2
-mm/s. The threshold measured on a slope of 10 deg is between 121 and 138."""
+"""Physics step of `physics = "fast"` for light wheels [s], and angular frequency sqrt(2 k / m) of a disc that rotates
+on its tyre, above which a wheel counts as light [rad/s]. With steps of 5 ms light wheels vibrate, and a parked
+tractor creeps by 0.2 mm/s. The threshold measured on a slope of 10 deg is between 121 and 138 rad/s."""
 
 
 class Mujoco(Spec):
@@ -223,9 +223,10 @@ class Mujoco(Spec):
     tyre: Tyre = MagicFormula()
     """Tyre model, selected by `plant.tyre.kind`."""
     settle_s: Annotated[float, Field(ge=0, le=120)] = 3.0
-    """Minimum duration of settling on the tyres before the run [s], or 0 for no settling. Assumed value (1-10)."""
+    """Minimum duration of settling on the tyres before the run [s], or 0 for no settling. Assumed value (range
+    1-10)."""
     settle_limit_s: Annotated[float, Field(ge=0, le=600)] = 60.0
-    """Maximum duration of settling [s], after which the run starts with a warning. Assumed value (20-120)."""
+    """Maximum duration of settling [s], after which the run starts with a warning. Assumed value (range 20-120)."""
 
     def fast_step_s(self, tractor: TractorParameters) -> float:
         """Return the duration of a physics step with `physics = "fast"` [s]."""

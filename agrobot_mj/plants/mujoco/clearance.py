@@ -2,8 +2,8 @@
 
 The chassis parts that can touch the ground are above `lowest` and within `reach` of the z axis of the chassis. With the
 angle a between this axis and the ground normal, the height of all parts above the ground is at least the height of the
-chassis origin + lowest cos(a) - reach sin(a). The ground is a plane or, for a height grid, the level of its highest
-node.
+chassis origin + lowest cos(a) - reach sin(a). The ground is a plane; a height grid is replaced by the level of its
+highest node.
 """
 
 from math import inf, sqrt

@@ -1,13 +1,13 @@
-"""Closed-form force of the coupling between crank and steering knuckles, for steps in which it is the only constraint.
+"""Closed-form force of the crank-knuckle coupling, for physics steps in which this coupling is the only constraint.
 
 MuJoCo computes constraint forces f from a quadratic problem. With couplings only, which act in both directions, the
 problem is linear: with the inertia M, the Jacobian J, the acceleration a_0 without constraints and the regularisation R
 
   (J M^-1 J' + R) f = a_ref - J a_0.
 
-These two equations are solved with MuJoCo's factorisation M = L' D L; the motion is equal to the motion computed by the
-solver up to rounding. Other constraints (contacts, stops, friction, engaged clutches) need the solver. The wrenches on
-the bodies enter as sums over the tree, with MuJoCo's motion axes `cdof` at the centre of mass.
+This equation has two rows and is solved with MuJoCo's factorisation M = L' D L. The motion is the same as with MuJoCo's
+solver, except for rounding errors. Other constraints (contacts, stops, friction, engaged clutches) need the solver. The
+wrenches on the bodies are summed over the kinematic tree, with MuJoCo's motion axes `cdof` at the centre of mass.
 """
 
 from agrobot_mj.core.kernels import kernel
@@ -20,7 +20,7 @@ LEFT, RIGHT = 0, 1
 
 @kernel
 def is_alone(c: Coupling) -> bool:
-    """Return whether the knuckle couplings are the only constraints: no joint friction and no other equality acts."""
+    """Return whether the knuckle couplings are the only constraints, without joint friction and other equalities."""
     if c.rows.size == 0:
         return False
     active = 0
@@ -57,7 +57,7 @@ def power(x: float, p: float) -> float:
 
 @kernel
 def impedance(solimp: Array, error: float) -> float:
-    """Return MuJoCo's impedance [-] of a constraint with the parameters `solimp` (5,) at a position `error`."""
+    """Return MuJoCo's impedance [-] of a constraint with the parameters `solimp` (5,) at the position error `error`."""
     low, high, width, middle, p = solimp[0], solimp[1], solimp[2], solimp[3], solimp[4]
     if low == high or width <= 1e-15:
         return float(0.5 * (low + high))
@@ -75,7 +75,7 @@ def impedance(solimp: Array, error: float) -> float:
 
 @kernel
 def coupled(v: Views, side: int) -> Vector:
-    """Return gear ratio from crank to knuckle, a_ref and regularisation R of the left or right coupling."""
+    """Return gear ratio from crank to knuckle, reference acceleration a_ref and regularisation R of one coupling."""
     c, i = v.coupling, v.coupling.rows[side]
     p, delta, knuckle = c.eq_data[i], v.qpos[v.steer_q], c.knuckles_v[side]
     square = delta * delta
@@ -93,7 +93,7 @@ def coupled(v: Views, side: int) -> Vector:
 
 @kernel
 def add_forces(v: Views) -> None:
-    """Write the sum of all forces without the coupling forces to `qfrc_smooth`."""
+    """Write the sum of all forces except the coupling forces to `qfrc_smooth`."""
     c, com = v.coupling, v.root_com
     for b in range(1, c.body_parent.size):
         x, force = v.xipos[b], (v.xfrc[b, 0], v.xfrc[b, 1], v.xfrc[b, 2])

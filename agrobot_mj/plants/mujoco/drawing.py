@@ -53,7 +53,7 @@ def poses_of(data: mujoco.MjData) -> tuple[Array, Array]:
 
 
 class Ghost:
-    """MuJoCo tractor on level ground that shows a planar state in images."""
+    """MuJoCo tractor on level ground that shows the planar state of the bicycle plant in images."""
 
     def __init__(self, tractor: TractorParameters) -> None:
         self.model = tractor_spec(Machine(tractor)).compile()
@@ -64,7 +64,7 @@ class Ghost:
         self.at = [int(self.model.joint(name).qposadr[0]) for name in joints]
 
     def poses(self, x: float, y: float, yaw: float, steer: float, travelled: float) -> Array:
-        """Return the body poses (bodies, 7) for CG position (x, y) [m], yaw and steering [rad] and travelled distance
+        """Return the body poses (bodies, 7) for CG position x, y [m], yaw, steering [rad] and travelled distance
         [m]."""
         back_x, back_y = from_heading(yaw, -self.tractor.cg_to_rear_axle, 0.0)
         q = self.data.qpos

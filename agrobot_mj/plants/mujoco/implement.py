@@ -27,7 +27,7 @@ IMPLEMENT_WHEELS = ("il", "ir")
 
 
 def add_implement(spec: mujoco.MjSpec, hitched: HitchedBody, tractor: TractorParameters, native: bool) -> None:
-    """Attach the body `hitched` to the tractor of `spec`. If `native` is true, MuJoCo contact supports its wheels."""
+    """Attach the implement `hitched` to the tractor `spec`; `native` selects MuJoCo contact for implement wheels."""
     hitch = [-tractor.hitch_behind_m, 0.0, tractor.hitch_height_m]
     body = spec.body("chassis").add_body(name=IMPLEMENT, pos=hitch)
     body.explicitinertial = True
@@ -77,7 +77,7 @@ def _add_wheel(body: mujoco.MjsBody, axle: Axle, name: str, side: int, native: b
 
 
 STEPS_A_LENGTH, LENGTHS = 5, 2000
-"""Number of draught samples per correlation length, and number of correlation lengths until the draught repeats [-]."""
+"""Number of draught samples per correlation length, and number of correlation lengths until the pattern repeats [-]."""
 AT_THE_STOP = radians(2.0)
 """Margin to the yaw stop of the drawbar below which the tractor has jackknifed [rad]. Assumed value: a pushed implement
 does not return from this angle, and a towed implement does not reach this angle in a turn."""
@@ -179,7 +179,7 @@ def fold_joint(hitched: HitchedBody, model: mujoco.MjModel) -> tuple[int, float]
 
 
 class RunningImplement:
-    """Implement of a running MuJoCo tractor."""
+    """Implement attached to the tractor in a running MuJoCo simulation."""
 
     def __init__(self, hitched: HitchedBody, model: mujoco.MjModel, data: mujoco.MjData, parts: Attached) -> None:
         self.hitched, self.model, self.data, self.parts = hitched, model, data, parts
@@ -194,7 +194,7 @@ class RunningImplement:
         mujoco.mj_comVel(self.model, self.data)
 
     def motion(self, at: tuple[float, float, float]) -> Motion:
-        """Return the motion of the point `at`, relative to the hitch in the frame of the implement [m]."""
+        """Return the motion of the point `at`, given in the implement frame relative to the hitch [m]."""
         data, body = self.data, self.body
         place = data.xpos[body] + data.xmat[body].reshape(3, 3) @ at
         velocity = data.cvel[body, 3:] + np.cross(data.cvel[body, :3], place - data.subtree_com[CHASSIS])
@@ -214,7 +214,7 @@ class RunningImplement:
 
     @property
     def jackknifed(self) -> bool:
-        """Whether the yaw angle of a drawbar is within `AT_THE_STOP` of its stop."""
+        """Whether the yaw angle of the drawbar, if there is one, is within `AT_THE_STOP` of its stop."""
         return self.fold is not None and abs(float(self.data.qpos[self.fold[0]])) > self.fold[1]
 
     @property

@@ -22,13 +22,13 @@ from agrobot_mj.tyres.patch import relax
 
 GIVE = 0.03  # Distance over which the soil resistance of a tool builds up [m]. Assumed value.
 EASE = 10.0
-"""Time constant with which the resistance decays at rest [s]. Assumed value: stuck tractors creep at 3 mm/s or less."""
+"""Time constant of the decay of the resistance at rest [s]. Assumed value: stuck tractors creep at 3 mm/s or less."""
 PULL, SIDE, BEHIND, HEIGHT, AHEAD, LEFT, CENTRE = range(7)
 HUNG = CENTRE + 3
-"""Last of the indices of the load array, shape (10,), in which the loads are a single argument of the compiled loop.
+"""Index of the last element of the load array, shape (10,), which passes all loads to the compiled loop.
 
-The elements are: pull and side force (left positive) [N]; distance of the hitch behind the rear axle and above the
-ground [m]; deflection z ahead and to the left in the chassis frame [m]; centre of mass of the chassis in its frame (3
+The elements are: pull, and side force to the left [N]; distance of the hitch behind the rear axle and above the ground
+[m]; deflection z ahead and to the left in the chassis frame [m]; centre of mass of the chassis in its frame (3
 elements) [m]; mass of the implement divided by mass of the tractor [-].
 """
 
@@ -79,7 +79,7 @@ def pull_back(v: Views, loads: Array, dt: float, wrench: Array) -> None:
 
 @kernel
 def push(R: Array, loads: Array, place: Vector, force: Vector, wrench: Array) -> None:
-    """Add a force [N] at `place`, relative to the chassis origin [m], to the wrench (6,), all in world axes."""
+    """Add a force [N] at `place`, relative to the chassis origin [m], to the wrench (6,); vectors are in world axes."""
     # xfrc_applied acts at the chassis' own centre of mass, which a payload moves
     c = loads[CENTRE:]
     torque = cross(

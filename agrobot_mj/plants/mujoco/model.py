@@ -32,7 +32,7 @@ Assumed value: half of the mass is in the tread."""
 
 
 def ackermann_coefficients(tractor: TractorParameters) -> Array:
-    """Return the coefficients (5,) of a quartic from virtual to left wheel angle, fitted with slope 1 at zero."""
+    """Return the coefficients (5,) of a quartic that maps the virtual to the left wheel angle, with slope 1 at zero."""
     delta = np.linspace(-tractor.steer_limit, tractor.steer_limit, 501)
     t_2L = tractor.track_m / (2 * tractor.wheelbase_m)
     left = np.arctan2(np.tan(delta), 1 - t_2L * np.tan(delta))
@@ -42,11 +42,11 @@ def ackermann_coefficients(tractor: TractorParameters) -> Array:
 
 
 STICKING = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-"""Solver impedance of dry friction in kingpins and brake. With MuJoCo's default, joints creep by 1 deg in seconds."""
+"""Solver impedance of dry friction in kingpins and brake. With MuJoCo's default, joints creep 1 deg within seconds."""
 QUICK = (0.004, 1.0)
 """Time constant [s] and damping ratio [-] of the brake friction, chosen so that friction acts within one step."""
 FACTORS = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0)
-"""Factors on typical inertias, tried in this order to find a physically possible chassis [-]."""
+"""Scale factors for the typical inertias, tried in this order until the chassis is physically possible [-]."""
 
 
 def tractor_spec(machine: Machine) -> mujoco.MjSpec:
@@ -88,7 +88,7 @@ def _default() -> mujoco.MjSpec:
 
 
 def _own(machine: Machine) -> mujoco.MjSpec:
-    """Return the tractor with a user-defined body. Raises ValueError for a conflict with steering keys."""
+    """Return the tractor with a user-defined body. Raises ValueError if steering keys contradict the body."""
     if machine.linkage.moved:
         given = "kingpin_offset_m, kingpin_inclination_deg and caster_deg"
         raise ValueError(f"steering.linkage: the body of tractor.mjcf has its own kingpins; omit {given}")
@@ -237,7 +237,7 @@ def _complete_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, tractor: Tra
 
 
 def _fitting_inertia(tractor: TractorParameters, others: Array) -> str:
-    """Return a hint with inertias for a possible chassis; `others` (3, 3) is the inertia of all other bodies."""
+    """Return a hint with inertias that a chassis can have; `others` (3, 3) is the inertia of all other bodies."""
     usual = TractorParameters(mass_kg=tractor.mass_kg, wheelbase_m=tractor.wheelbase_m)
     moments = np.array([usual.roll_inertia_kg_m2, usual.pitch_inertia_kg_m2, usual.yaw_inertia_kg_m2])
     fitting = (f * moments for f in FACTORS if is_physical_inertia(np.diag(f * moments) - others))
@@ -247,7 +247,7 @@ def _fitting_inertia(tractor: TractorParameters, others: Array) -> str:
 
 
 def _offset(body: mujoco.MjsBody) -> Array:
-    """Return the position of a body in the chassis frame with all joints at zero, if its parents have no rotation."""
+    """Return the position of a body in the chassis frame with all joints at zero; its parents must have no rotation."""
     position = np.array(body.pos)
     while (body := body.parent).name != "chassis":
         position = position + body.pos

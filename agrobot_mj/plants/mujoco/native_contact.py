@@ -1,4 +1,4 @@
-"""MuJoCo contact as a tyre model: friction under each wheel, and a tyre report with the quantities of the tyre laws."""
+"""MuJoCo contact as a tyre model: friction under each wheel, and the same output quantities as the tyre laws."""
 
 from math import atan2, hypot
 
@@ -26,14 +26,14 @@ class NativeContacts:
         self.velocity = np.zeros(6)
 
     def set_friction(self) -> None:
-        """Set the friction of each wheel geom from the ground below the wheel; wheel geoms override the ground geom."""
+        """Set the friction of each wheel geom from the ground below; it overrides the friction of the ground geom."""
         for i, (body, geom) in enumerate(zip(self.bodies, self.geoms, strict=True)):
             x, y, _ = self.data.xpos[body]
             scale, _ = surface_at(self.ground.surface, x, y)
             self.model.geom_friction[geom, 0] = self.friction * scale * self.tyres.grip[i]
 
     def read(self, report: Array) -> None:
-        """Fill the tyre report (4, 6) from MuJoCo's contact sensors and the wheel motion in the ground plane."""
+        """Fill the tyre quantities (4, 6) from MuJoCo's contact sensors and the wheel motion in the ground plane."""
         for i, wheel in enumerate(WHEELS):
             forward, left, n = self._frame(self.bodies[i])
             force = self.data.sensor(f"contact_{wheel}").data[:3]
@@ -45,7 +45,7 @@ class NativeContacts:
             report[i, SLIP_ANGLE], report[i, SLIP_RATIO] = self._slip(i, forward, left)
 
     def _frame(self, body: int) -> tuple[Array, Array, Array]:
-        """Return the forward direction and left direction in the ground plane below a wheel, and the ground normal."""
+        """Return unit vectors below a wheel: forward and left in the ground plane, and the ground normal."""
         _, dx, dy = height_and_gradient(self.ground, *self.data.xpos[body, :2])
         n = np.array([-dx, -dy, 1.0]) / hypot(dx, dy, 1.0)
         forward = np.cross(self._axle(body), n)

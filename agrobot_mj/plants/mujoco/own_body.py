@@ -119,7 +119,7 @@ def own_spec(tractor: TractorParameters) -> mujoco.MjSpec:
 
 
 def _forget_defaults(spec: mujoco.MjSpec) -> None:
-    """Reset the default class to MuJoCo's defaults for added elements; existing elements keep their values."""
+    """Reset the default class so that added elements get MuJoCo's defaults; existing elements keep their values."""
     plain = mujoco.MjSpec().default
     for kind, keys in PLAIN.items():
         ours, theirs = getattr(plain, kind), getattr(spec.default, kind)
@@ -145,7 +145,7 @@ def _keep_masses(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
 
 
 def _leave_out(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
-    """Remove elements that the simulator provides: actuators, sensors, couplings of wheels and knuckles, ground."""
+    """Remove elements that the simulator provides: actuators, sensors, wheel and knuckle couplings, and ground."""
     for element in [*spec.actuators, *spec.sensors, *spec.keys, *spec.pairs, *spec.lights, *spec.cameras]:
         spec.delete(element)
     for geom in list(spec.worldbody.geoms):

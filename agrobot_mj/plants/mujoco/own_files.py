@@ -57,7 +57,7 @@ class _Size:
 
     @property
     def expanded(self) -> int:
-        """Upper limit of the number of elements: each attached model has the size of the largest attached model."""
+        """Upper limit of the number of elements, assuming that each attached model is as large as the largest one."""
         return self.elements + self.attached * self.largest
 
 

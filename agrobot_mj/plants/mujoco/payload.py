@@ -27,7 +27,7 @@ class Inertial(NamedTuple):
 
 
 def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:
-    """Return the mass properties of a body with a payload. Raises ValueError if they are physically impossible."""
+    """Return the mass properties of a body with a payload. Raises ValueError for a physically impossible result."""
     mass = bare.mass + sum(load.kg for load in payload)
     if mass < LEAST_KG:
         raise ValueError(f"mass_kg: only {mass:.0f} of {bare.mass:.0f} kg of the chassis remain; remove less mass")

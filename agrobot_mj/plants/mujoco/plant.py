@@ -45,7 +45,7 @@ from agrobot_mj.tyres.laws import with_soil_memory
 CLOCK = Clock()
 CONTACTLESS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 ROLLOVER_COSINE = cos(radians(60))
-"""Cosine of the tilt, 60 deg, above which the tractor has rolled over [-]. Assumed value, above all tip-over angles."""
+"""Cosine of the tilt angle above which the tractor has rolled over [-]. Assumed value, beyond all tip-over angles."""
 STICKING_SPIN, STICKING_CONTACT = 0.03, 1e4
 """Factors on `dof_invweight0` of the wheels and on `impratio` while the brake is applied [-].
 
@@ -149,10 +149,10 @@ class MujocoPlant(RunningPlant):
         self._update_bodies()
 
     def _settle(self) -> RecentMotion:
-        """Simulate with valves in neutral until the tractor rests, has rolled over or moved away; return its motion.
+        """Simulate with valves in neutral until the tractor is at rest, rolls over or moves away; return its motion.
 
-        The brake is applied with MuJoCo contact, or if the hydrostat cannot hold the tractor. `settle_limit_s` limits
-        the duration.
+        The brake is applied if the tyres use MuJoCo contact or the hydrostat cannot hold the tractor. `settle_limit_s`
+        limits the duration.
         """
         brake, recent = float(self.contacts is not None), RecentMotion(self.tick_s)
         tilt, gravity = Tilt(self.data.xmat[CHASSIS][2::3], self.tick_s), self.option.gravity.copy()
@@ -174,11 +174,11 @@ class MujocoPlant(RunningPlant):
         return recent
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
-        """Advance one tick at constant voltages and conditions; return the true state."""
+        """Advance one tick at constant valve voltages and conditions; return the true state."""
         return fetched(self.advanced(drive, conditions))
 
     def advanced(self, drive: Drive, conditions: Conditions = NOMINAL) -> Held[Truth]:
-        """Advance one tick at constant voltages and conditions; return a reference (`Held`) to the true state."""
+        """Advance one tick at constant valve voltages and conditions; return a reference (`Held`) to the true state."""
         if conditions != self.conditions:
             self._apply_conditions(conditions)
         if self.clutches.switched:
@@ -189,7 +189,7 @@ class MujocoPlant(RunningPlant):
         return self.seen
 
     def step_through(self, drive: Drive) -> None:
-        """Simulate the physics steps of one tick at constant voltages, without computing the true state."""
+        """Simulate the physics steps of one tick at constant valve voltages, without computing the true state."""
         if self.contacts:
             self.contacts.set_friction()
         if drive.brake != self.braking:
@@ -207,11 +207,11 @@ class MujocoPlant(RunningPlant):
             self.implement.finish_tick()
 
     def _update_bodies(self) -> None:
-        """Compute the body poses from the generalised positions, and whether the chassis is clear of the ground."""
+        """Compute the body poses from the generalised positions, and check if the chassis is clear of the ground."""
         _, self.clear = self._run(self.rig, (NEUTRAL_V, NEUTRAL_V), self.samples.shape[1], False)
 
     def _brake(self, share: float) -> None:
-        """Apply a fraction of the brake torque, `share` [-], as dry friction without creep or chatter."""
+        """Apply the fraction `share` [-] of the brake torque as dry friction without creep or chatter."""
         self.braking, stands = share, share > 0.0
         self.model.dof_frictionloss[self.spins_v] = share * self.brake_torques
         self.model.dof_invweight0[self.spins_v] = self.spin_weights * (STICKING_SPIN if stands else 1.0)
@@ -256,7 +256,7 @@ class MujocoPlant(RunningPlant):
         return *own, *valve, *drive, *hung, *self.clutches.memories
 
     def save(self) -> MujocoState:
-        """Return a copy of the state between two ticks: a few kilobytes, plus 33 kB per tile of soil with ruts."""
+        """Return a copy of the plant's current state: a few kilobytes, plus 33 kB per tile of soil with ruts."""
         physics = np.empty(mujoco.mj_stateSize(self.model, INTEGRATION))
         mujoco.mj_getState(self.model, self.data, physics, INTEGRATION)
         return MujocoState(
@@ -294,7 +294,7 @@ class MujocoPlant(RunningPlant):
         return np.array(self.data.qpos)
 
     def wheels(self) -> Array:
-        """Return the tyre reports in the order of `tyres.patch`, shape (24,), with four wheels per quantity."""
+        """Return the tyre quantities in the order of `tyres.patch`, shape (24,), with four wheels per quantity."""
         if self.contacts:
             self.contacts.read(self.tyred.report)
         return self.tyred.report.T.ravel()

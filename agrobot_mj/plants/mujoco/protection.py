@@ -1,4 +1,4 @@
-"""Error handling of MuJoCo functions in compiled kernels: an error gives a return value instead of ending the process.
+"""Error handling of MuJoCo functions in compiled kernels: an error sets a return value and does not end the process.
 
 MuJoCo reports an error through `mju_error`, which does not return. MuJoCo's Python package converts errors of its own
 calls to `mujoco.FatalError`, but an error in a kernel would end the process. Each C function is wrapped in a few lines

@@ -21,7 +21,7 @@ class MujocoState(NamedTuple):
     physics: Array
     left: tuple[AnyArray, ...]  # Results of the last step in MjData, and friction of the geoms
     memories: tuple[AnyArray, ...]
-    """Copies of arrays outside MjData that a tick modifies in place: tyres, loads, valve, drive, samples."""
+    """Copies of arrays outside MjData that a tick modifies in place, such as the states of tyres, valve and drive."""
     conditions: Conditions
     ticks: int
     soil: SavedSoil

@@ -40,7 +40,7 @@ def pose_on(ground: Ground, start: Reference, tractor: TractorParameters) -> tup
 
 
 def _facing(normal: Array, yaw: float) -> Array:
-    """Return the rotation matrix (3, 3) of a tractor with the heading `yaw` [rad] on a plane with a given normal."""
+    """Return the rotation matrix (3, 3) of a tractor with heading `yaw` [rad] on a plane with the normal `normal`."""
     forward = np.cross([-np.sin(yaw), np.cos(yaw), 0.0], normal)
     forward /= np.linalg.norm(forward)
     return np.stack([forward, np.cross(normal, forward), normal], axis=1)
@@ -82,14 +82,14 @@ class Tilt:
         """Horizontal direction of the ground normal: unit vector, shape (2,)."""
 
     def up(self, tick: int) -> Array:
-        """Return the unit vector (3,) against gravity after `tick` ticks, which is vertical after `ticks`."""
+        """Return the unit vector (3,) against gravity after `tick` ticks, vertical from tick `self.ticks` on."""
         left = max(1.0 - tick / self.ticks, 0.0) if self.ticks else 0.0
         lean = self.lean * left * left * (3.0 - 2.0 * left)  # starts and ends smoothly
         return np.array([*(sin(lean) * self.away), cos(lean)])
 
 
 class RecentMotion:
-    """Motion in the last `REST_S` seconds, from displacements per tick, which exclude vibrations within a tick."""
+    """Motion in the last `REST_S` seconds, computed from displacements per tick to exclude vibrations within a tick."""
 
     def __init__(self, tick_s: float) -> None:
         ticks = max(1, round(REST_S / tick_s))
@@ -141,8 +141,8 @@ def drive_holds(oil: Oil, connected: bool, torque: float) -> bool:
 def start_warning(found: Settled, settled_s: float, machine: Machine, ground: Ground) -> str:
     """Return a warning for a tractor that is not at rest on four wheels after `settled_s` [s].
 
-    The warning contains the reason and the keys to change. The text is empty for a tractor at rest on four wheels, and
-    for a diverged simulation.
+    The warning contains the reason and the keys to change. An empty text is returned for a tractor at rest on four
+    wheels, and for a diverged simulation.
     """
     speed, rests = found.recent.greatest, found.recent.greatest <= REST_M_S
     _, east, north = height_and_gradient(ground, found.truth.x, found.truth.y)

@@ -47,7 +47,7 @@ class TractorMotion(NamedTuple):
 
 
 class Oil(NamedTuple):
-    """Parameters of the oil in steering cylinder and hydrostat: conversion of flow to motion, and relief limits."""
+    """Parameters of the oil in the steering cylinder and hydrostat: conversion of flow to motion, and relief limits."""
 
     displacement: float  # Displacement of the steering cylinder [m3/rad]
     steer_limit: float  # Maximum steering angle in both directions, given by the stops [rad]
@@ -89,7 +89,7 @@ def oil_of(machine: Machine) -> Oil:
 
 
 class Actuators(NamedTuple):
-    """Models of steering valve, drive and trapped oil; the memories are modified in place."""
+    """Models of steering valve, drive and trapped oil; their state arrays are modified in place."""
 
     oil: Oil
     valve: ValveLaw
@@ -127,7 +127,7 @@ class Assembly(NamedTuple):
 def apply_tyres(v: Views, wheels: Index, tyred: Tyred, dt: float, last: bool = True) -> None:
     """Advance the tyre of each body in `wheels` by one step, and write its wrench to `xfrc_applied`.
 
-    The tyre report is complete only in the `last` step of a tick.
+    The tyre quantities are complete only in the `last` step of a tick.
     """
     c = v.root_com
     for i in range(wheels.size):
@@ -158,8 +158,8 @@ def apply_implement(v: Views, a: Attached, ground: Ground, dt: float) -> None:
 def take_up_play(v: Views, oil: Oil, cylinder: Array, dt: float) -> None:
     """Advance the cylinder of a steering linkage with play, and set the steering actuator.
 
-    The cylinder angle integrates the flow. The actuator spring is deflected by the part of the difference outside the
-    play.
+    The cylinder angle integrates the flow. The deflection of the actuator spring is the angle between cylinder and
+    wheel beyond the play.
     """
     angle = v.qpos[v.steer_q] + oil.steer_lead * v.qvel[v.steer_v]
     reach, stop = oil.steer_windup + oil.steer_play, oil.steer_limit + oil.steer_play
@@ -190,7 +190,7 @@ def drooped(v: Views, oil: Oil, rate: float) -> float:
 
 @kernel
 def open_relief_valves(v: Views, oil: Oil) -> None:
-    """Limit the deflection of the oil columns to relief pressure and power, and the steering angle to its stops."""
+    """Limit the oil column deflections according to relief pressure and power, and the steering angle to its stops."""
     angle = v.qpos[v.steer_q] + oil.steer_lead * v.qvel[v.steer_v]
     if oil.steer_play <= 0.0:
         low, high = angle - oil.steer_windup, angle + oil.steer_windup
@@ -236,11 +236,11 @@ def finish_step(v: Views, direct: bool) -> int:
 
 @kernel
 def run_steps(rig: Held[Assembly], voltages: tuple[float, float], first: int, clear: bool) -> tuple[int, bool]:
-    """Advance the tractor by the physics steps of a tick from index `first`.
+    """Advance the tractor by the physics steps of a tick, starting with step `first`.
 
     If `clear` is true, the loop stops before the first step in which the body could touch the ground. The result is the
     number of completed steps (`FAILED` after an error of MuJoCo), and whether the body is clear of the ground. Each
-    column of the samples is one step.
+    column of the sample array contains the values after one step.
     """
     v, tyred, attached, loads, actuators, samples, clearance, _, _ = fetched(rig)
     oil, valve, valve_memory, drive, drive_memory, cylinder = actuators
@@ -320,9 +320,9 @@ def observe(rig: Held[Assembly]) -> TractorMotion:
 def look(
     rig: Held[Assembly], samples: Array, t: float, radius: float, antenna: Motion, working: tuple[float, float]
 ) -> tuple[Held[Truth], TractorMotion]:
-    """Return the true state at time `t` [s] and the motion; `radius` is the radius of the rear wheels [m].
+    """Return the true state at time `t` [s], and the tractor motion; `radius` is the radius of the rear wheels [m].
 
-    `antenna` (NaN for an antenna on the tractor) and the point `working` belong to the implement.
+    The motion `antenna` (NaN for an antenna on the tractor) and the point `working` belong to the implement.
     """
     m = observe(rig)
     (x, y, z), (rear_x, rear_y, _), (yaw, pitch, roll) = m.cg.place, m.rear.place, m.attitude

@@ -53,7 +53,7 @@ class Attached(NamedTuple):
 
 @kernel
 def unevenness(uneven: Array, step: float, travelled: float) -> float:
-    """Return draught divided by mean draught [-] at the working distance `travelled` [m], from a repeating pattern."""
+    """Return draught divided by mean draught [-] at the working distance `travelled` [m]; the draught is periodic."""
     place = travelled / step
     k = floor(place)
     share, i = place - k, int(k) % uneven.size
@@ -62,9 +62,10 @@ def unevenness(uneven: Array, step: float, travelled: float) -> float:
 
 @kernel
 def spread(z: float, before: float, now: float) -> float:
-    """Return the mean soil deflection `z` after the stiffness has changed from `before` to `now`.
+    """Return the mean soil deflection after the stiffness has changed from `before` to `now`, for an old deflection
+    `z`.
 
-    Additional soil has no deflection.
+    Soil that is added has no deflection.
     """
     return z * before / now if now > before else z
 
