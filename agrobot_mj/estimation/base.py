@@ -15,22 +15,23 @@ from agrobot_mj.core.signals import Array, Column, Estimate, Measurement
 from agrobot_mj.machine.tractor import TractorParameters
 
 NIS_WINDOW_S = 5.0
-"""Time constant of the smoothed NIS [s]. Assumed value: 100 fixes, so that the smoothed NIS of a consistent filter
-stays below 2.6."""
+"""Time constant for smoothing the normalised innovation squared (NIS) [s]. Assumed value: the duration of 100 fixes,
+for which the smoothed NIS of a consistent filter stays below 2.6."""
 NIS_MOST = 200.0
-"""Maximum NIS of a fix in the smoothed NIS; higher values are clipped [-]. Assumed value: 14 standard deviations. A
-single outlier then adds 2 to the smoothed NIS, and outliers over 5 s add 126."""
+"""Upper limit applied to the normalised innovation squared (NIS) of a fix before smoothing [-]. Assumed value: 14
+standard deviations. A single outlier then adds 2 to the smoothed NIS, and 5 s of outliers add 126."""
 
 
 class Health(NamedTuple):
-    """Diagnostics of an estimator that do not need the true state."""
+    """Diagnostics of an estimator, computed without the true state."""
 
     fix_t: float = 0.0  # Time of the newest accepted fix, or of the start of the run before the first accepted fix [s]
     nis: float = 2.0
-    """Smoothed normalised innovation squared (NIS) of the position [-]; the mean of a consistent filter is 2."""
+    """Smoothed normalised innovation squared (NIS) of the position [-]; its mean is 2 for a consistent filter."""
 
     def after(self, nis: float, fix_t: float, dt: float) -> "Health":
-        """Return the diagnostics after `dt` [s], given the NIS and time [s] of an accepted fix, or NaN without one."""
+        """Return the diagnostics `dt` [s] later. NaN values of `nis` and of the accepted fix time `fix_t` [s] are
+        ignored."""
         keep = exp(-dt / NIS_WINDOW_S)
         smooth = keep * self.nis + (1.0 - keep) * min(nis, NIS_MOST) if nis == nis else self.nis
         return Health(fix_t if fix_t == fix_t else self.fix_t, smooth)
@@ -40,7 +41,7 @@ kernel_method("after")
 
 
 class Readings(NamedTuple):
-    """Measurements of a tick except the fix; a missing measurement is NaN."""
+    """Measurements of a tick, excluding the fix; a missing measurement is NaN."""
 
     t: float  # Time of the measurements [s]
     gyro: float  # Yaw rate [rad/s]
@@ -51,20 +52,20 @@ class Readings(NamedTuple):
 
     @classmethod
     def of(cls, m: Measurement) -> "Readings":
-        """Return the fields of a measurement as numbers for compiled kernels."""
+        """Convert a `Measurement`, without its fix, to numbers for compiled kernels."""
         return cls(m.t, m.gyro, m.wheel_speed, m.steer, m.roll, m.pitch)
 
 
 @shared
 def largest_sigma(covariance: Array) -> float:
-    """Return the standard deviation of the position (first two states) in its most uncertain direction [m]."""
+    """Return the maximum standard deviation of the position (first two states) over all directions [m]."""
     p_xx, p_xy, p_yy = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
     middle, half = 0.5 * (p_xx + p_yy), 0.5 * (p_xx - p_yy)
     return sqrt(middle + sqrt(half * half + p_xy * p_xy))
 
 
 class StateEstimator(Reporting):
-    """Base class of the state estimators; `columns` and `report` add log columns."""
+    """Base class of the state estimators; subclasses override `columns` and `report` to add log columns."""
 
     kind: str
 
@@ -83,7 +84,7 @@ class StateEstimator(Reporting):
 
 
 class CompiledEstimator(StateEstimator):
-    """Base class of the compiled estimators, which return a reference to the estimate for other compiled stages."""
+    """Base class of the compiled estimators, which return a reference to the estimate for other compiled functions."""
 
     def update(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Estimate]:
         """Return the new state and the estimate at the end of a tick of `dt` [s], from the measurement in this tick."""

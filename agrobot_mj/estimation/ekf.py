@@ -1,13 +1,13 @@
 """Estimator of the paper: velocity Kalman filter (KF) and extended Kalman filter (EKF) of the pose.
 
-The pose (x, y, yaw) in ENU [m, m, rad] is the pose of R, the point on the ground below the centre of the rear axle.
-Inputs are the speed [m/s] and the steering angle [rad] during the tick; measurements are x and y from GNSS. The yaw is
-estimated from the motion. The yaw is not wrapped, so that differences of yaw remain valid. The explicit Euler step of
-the paper advances the yaw by half a tick in a turn (0.2 deg at 0.13 rad/s).
+The pose (x, y, yaw) in ENU [m, m, rad] is the pose of R, the point on the ground below the centre of the rear axle. The
+inputs are the speed [m/s] and the steering angle [rad] during the tick; the measurements are x and y from GNSS. The yaw
+is estimated from the motion. The yaw is not wrapped, so that differences of yaw remain valid. With the explicit Euler
+step of the paper, the estimated yaw leads by half a tick in a bend (0.2 deg at 0.13 rad/s).
 
 The model assumes an exact steering angle. Other causes of rotation (sideslip on a slope, an offset of the
 potentiometer) are covered by the random walk of the yaw and cause a constant heading error. The filter interprets the
-correlated part of the GNSS error as motion; the covariance therefore includes only the white part.
+correlated part of the GNSS error as motion; the pose covariance therefore includes only the white part.
 """
 
 from math import cos, nan, radians, sin, tan
@@ -33,7 +33,7 @@ class PoseEkfLaw(NamedTuple):
 
 @jit
 def f(pose: Vector, speed: float, steer: float, wheelbase: float, dt: float) -> Vector:
-    """Return the pose (3,) after `dt` [s] at `speed` [m/s] and steering angle `steer` [rad]; `wheelbase` in [m]."""
+    """Return the pose (3,) after `dt` [s] at `speed` [m/s], steering angle `steer` [rad] and `wheelbase` [m]."""
     (x, y, psi), T_s, u, delta, L = (pose[0], pose[1], pose[2]), dt, speed, steer, wheelbase
     yaw = psi + T_s * u * tan(delta) / L
     return np.array((x + T_s * u * cos(psi), y + T_s * u * sin(psi), yaw))  # [agrobots: kinematicmodelEKF]
@@ -71,7 +71,7 @@ def _tick(
 
 
 class PoseEkf(FixEkf):
-    """Pose EKF for a given wheelbase [m] and given process noise of position [m/sqrt(s)] and yaw [rad/sqrt(s)]."""
+    """Pose EKF for a given wheelbase [m] and given random walks of position [m/sqrt(s)] and yaw [rad/sqrt(s)]."""
 
     model = staticmethod(linearised)
 

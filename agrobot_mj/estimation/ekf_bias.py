@@ -1,7 +1,7 @@
 """Estimator with disturbance states: velocity KF, and EKF with states for steering bias and slow GNSS error.
 
-Two effects cause a measured steering angle without rotation: an offset of the potentiometer, and the steering angle for
-a straight course on a side slope. The EKF of the paper converts both into a heading error; this filter estimates their
+A steering angle is measured without rotation of the tractor for two reasons: an offset of the potentiometer, and a
+straight course on a side slope. The EKF of the paper converts both into a heading error; this filter estimates their
 sum as a state. The yaw is the course of R, the direction of motion of the rear axle. With these sensors only the sum of
 heading and sideslip is observable, on any path. Heading and course differ by the slip of the rear tyres: a few tenths
 of a degree in a bend of 10 m on level ground, and the crab angle on a side slope.
@@ -35,7 +35,7 @@ BIAS = 3  # Index of the steering bias in the state
 
 
 class Levels(NamedTuple):
-    """Noise levels of the filter: random walks of the states, and correlated part of the fix error."""
+    """Noise parameters of the filter: random walks of the states, and the correlated part of the fix error."""
 
     position_walk: float  # Random walk of the position [m/sqrt(s)]
     yaw_walk: float  # Random walk of the course [rad/sqrt(s)]
@@ -47,7 +47,7 @@ class Levels(NamedTuple):
 
 @jit
 def f(state: Vector, speed: float, steer: float, wheelbase: float, dt: float, phi: float) -> Vector:
-    """Return the state (6,) after `dt` [s] at speed and steering angle; `phi` is the decay factor of the GNSS error."""
+    """Return the state (6,) after `dt` [s]; `phi` is the decay factor of the correlated GNSS error during `dt` [-]."""
     x, y, chi, b, g_x, g_y = state[0], state[1], state[2], state[BIAS], state[4], state[5]
     T_s, u, L = dt, speed, wheelbase
     turned = chi + T_s * u * tan(steer - b) / L
@@ -101,7 +101,7 @@ def _tick(
 
 
 class BiasEkf(FixEkf):
-    """Pose EKF for a given wheelbase [m] and given noise levels, with states for steering bias and GNSS error."""
+    """Pose EKF with states for steering bias and GNSS error, for a given wheelbase [m] and given noise parameters."""
 
     model = staticmethod(linearised)
 
@@ -110,18 +110,19 @@ class BiasEkf(FixEkf):
 
 
 class EkfBias(PoseEstimator):
-    """Estimator of x, y, course, steering bias and correlated GNSS error, `[estimator] kind = "ekf_bias"`."""
+    """Estimator of x, y, course, steering bias and GNSS error, selected by `[estimator] kind = "ekf_bias"`."""
 
     kind: Literal["ekf_bias"] = "ekf_bias"
     compiled = staticmethod(_tick)
     turning_velocity: bool = True
     """Whether the velocity estimate rotates with the yaw, so that the speed remains valid in a bend without fixes."""
     steer_bias_walk_deg_rt_s: NonNegative = 0.1
-    """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (0.05-0.4): 1 deg during half a turn on a slope."""
+    """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (range 0.05-0.4) for changes of 1 deg in a half
+    turn on a slope."""
     initial_steer_bias_sigma_deg: NonNegative = 1.0
-    """Initial standard deviation of the steering bias [deg]. Assumed value, the resolution of the potentiometer."""
+    """Initial standard deviation of the steering bias [deg]. Assumed value: the resolution of the potentiometer."""
     gnss_correlated_fraction: Fraction = 0.3
-    """Correlated fraction of the fix variance in the filter [-]. Assumed value, as in the receiver model."""
+    """Time-correlated fraction of the fix variance in the filter [-]. Assumed value, as in the receiver model."""
     gnss_correlation_time_s: Positive = 30.0
     """Correlation time of the fix error in the filter [s]. Assumed value, as in the receiver model."""
 
@@ -137,7 +138,7 @@ class EkfBias(PoseEstimator):
         return BiasEkf(tractor.wheelbase_m, levels)
 
     def beliefs(self) -> tuple[Array, Array]:
-        """Return the initial means (all zero) and standard deviations of the bias and the correlated GNSS error."""
+        """Return the initial means (all zero) and standard deviations of steering bias and correlated GNSS error."""
         return np.zeros(3), np.array((radians(self.initial_steer_bias_sigma_deg), 1.0, 1.0))
 
     def steer_bias(self, pose: Array) -> float:

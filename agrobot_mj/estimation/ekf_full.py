@@ -1,12 +1,12 @@
 """Estimator for guidance: one EKF of pose, motion and slow errors, with GNSS, gyro, wheel speed and steering angle.
 
-`full_model` defines states and measurements, `full_filter` a tick with gates and alignment, and `horizon` the use of
-delayed fixes. The initial heading is ignored: the yaw is determined after one or two metres of motion, as reported by
-`Estimate.aligned`. `Estimate.yaw` is the course of R, the ground point below the rear axle; a path-following law
+`full_model` defines the states and measurements, `full_filter` one tick with gates and alignment, and `horizon` the use
+of delayed fixes. The initial heading is ignored: the yaw is determined after one or two metres of motion, as reported
+by `Estimate.aligned`. `Estimate.yaw` is the course of R, the ground point below the rear axle; a path-following law
 controls this course. The heading is the course minus `sideslip`, the slip of the rear tyres modelled from the side
 force. The side force on a slope requires the IMU (`terrain_compensation`). Without the IMU the heading estimate
 includes the crab angle, unless two antennas measure the heading (`sensors.gnss.dual_antenna`); the filter then also
-estimates the excess sideslip. The paper does not contain this estimator.
+estimates the unmodelled sideslip. The paper does not contain this estimator.
 """
 
 from math import nan, radians, sqrt
@@ -50,78 +50,82 @@ class FullState(NamedTuple):
 
 
 class EkfFull(CompiledEstimator):
-    """Estimator with 14 states, outlier gates, alignment and delayed fixes (`[estimator] kind = "ekf_full"`)."""
+    """Estimator with 14 states, outlier gates, yaw alignment and delayed fixes (`[estimator] kind = "ekf_full"`)."""
 
     kind: Literal["ekf_full"] = "ekf_full"
     terrain_compensation: bool = False
-    """Whether fixes are transformed from the antenna to the rear axle with measured roll and pitch; needs the IMU."""
+    """Whether roll and pitch from the IMU are used to transform fixes from the antenna to the rear axle."""
     swing_filter_s: NonNegative = 0.1
-    """Filter time constant of the antenna velocity due to tilting [s]; 0 disables the filter. Assumed value (0-0.2)."""
+    """Time constant for filtering the antenna velocity caused by tilting [s]; 0 disables the filter. Assumed value
+    (range 0-0.2)."""
     gyro_axes: Literal["vertical", "body"] = "vertical"
-    """Axis of the gyro assumed by the filter: `vertical`, or `body` for an axis fixed to the chassis. With terrain
+    """Gyro axis assumed by the filter: `vertical`, or `body` for an axis fixed to the chassis. With terrain
     compensation, the rate about a `body` axis is converted to a heading rate."""
     imu_wander_sigma_deg: NonNegative = 0.14
-    """Standard deviation of the slow error of roll and pitch [deg]. Assumed value, below the 0.2 deg of the sensor
-    model."""
+    """Standard deviation of the slow error of measured roll and pitch [deg]. Assumed value, below the 0.2 deg of the
+    sensor model."""
     lean_sigma_deg: NonNegative = 0.1
-    """Standard deviation of the unmeasured tilt on level ground [deg]. Assumed value (0.1-0.3) for roll in bends."""
+    """Standard deviation of the unmeasured tilt on level ground [deg]. Assumed value (range 0.1-0.3) for the roll in
+    bends."""
     roll_deg_s2_m: NonNegative = 0.4
-    """Unmeasured roll in a bend divided by the specific side force [deg s2/m]. Assumed value: 0.4 on firm ground and
-    tilled soil, 0.6 in ruts."""
+    """Roll in a bend, divided by the specific side force [deg s2/m], used without terrain compensation. Assumed value:
+    0.4 on firm ground and tilled soil, 0.6 in ruts."""
     pitch_deg: float = -0.3
-    """Unmeasured mean pitch on level ground [deg], positive nose down. Assumed value: rear wheels and implements lower
-    the rear by 0.05 deg (firm ground), 0.15 deg (ruts) or 0.9 deg (carried implement)."""
+    """Mean pitch on level ground [deg], positive nose down, used without terrain compensation. Assumed value: the rear
+    is lower by 0.05 deg (firm ground), 0.15 deg (ruts) or 0.9 deg (carried implement)."""
     pitch_sigma_deg: NonNegative = 0.3
     """Standard deviation of the error of `pitch_deg` or the measured pitch [deg]. Assumed value, as for `pitch_deg`."""
     pitch_walk_deg_rt_s: NonNegative = 0.015
-    """Random walk of the pitch error [deg/sqrt(s)]. Assumed value for 0.1 deg in the ruts of a bend."""
+    """Random walk of the pitch error [deg/sqrt(s)]. Assumed value for changes of 0.1 deg in a bend with ruts."""
     gnss_sigma_m: Positive = 0.02
-    """Standard deviation of an RTK-fixed position per axis [m] in the filter. Paper, section V-A."""
+    """Standard deviation of RTK-fixed positions per axis in the filter [m]. Paper, section V-A."""
     gnss_correlated_fraction: Fraction = 0.3
-    """Correlated fraction of the variance of an RTK-fixed position [-]. Assumed value of the receiver model."""
+    """Time-correlated fraction of the RTK-fixed position variance [-]. Assumed value, as in the receiver model."""
     gnss_correlation_time_s: Positive = 30.0
-    """Correlation time of the error of an RTK-fixed position [s]. Assumed value of the receiver model."""
+    """Correlation time of the error of an RTK-fixed position [s]. Assumed value, as in the receiver model."""
     gnss_float_sigma_m: Positive = 0.3
-    """Standard deviation of an RTK-float position per axis [m] in the filter. Assumed value of the receiver model."""
+    """Standard deviation of RTK-float positions per axis in the filter [m]. Assumed value, as in the receiver model."""
     gnss_float_correlated_fraction: Fraction = 0.9
-    """Correlated fraction of the variance of an RTK-float position [-]. Assumed value of the receiver model."""
+    """Time-correlated fraction of the RTK-float position variance [-]. Assumed value, as in the receiver model."""
     gnss_float_correlation_time_s: Positive = 60.0
-    """Correlation time of the RTK-float position error [s]. Assumed value: half the receiver's value, due to jumps."""
+    """Correlation time of RTK-float position errors [s]. Assumed value: half the receiver's value, because of jumps."""
     gnss_velocity_sigma_m_s: Positive = 0.03
-    """Standard deviation of the GNSS velocity per axis [m/s] in the filter. Assumed value of the receiver model."""
+    """Standard deviation of the GNSS velocity per axis in the filter [m/s]. Assumed value, as in the receiver model."""
     heading_sigma_deg: Positive = 0.25
-    """Standard deviation of the two-antenna heading [deg]. Assumed value, as in the sensor model (4 mm at 1 m)."""
+    """Standard deviation of the two-antenna heading [deg]. Assumed value for 4 mm at an antenna distance of 1 m."""
     gyro_sigma_deg_s: Positive = 0.1
-    """Standard deviation of the gyro noise, used by the filter [deg/s]. Assumed value, as in the sensor model."""
+    """Standard deviation of the gyro noise in the filter [deg/s]. Assumed value, as in the sensor model."""
     wheel_sigma_m_s: Positive = 0.02
-    """Standard deviation of the wheel-speed noise, used by the filter [m/s]. Assumed value, as in the sensor model."""
+    """Standard deviation of the wheel-speed noise in the filter [m/s]. Assumed value, as in the sensor model."""
     steer_sigma_deg_s: Positive = 1.0
-    """Standard deviation of the yaw rate from the steering angle [deg/s]. Assumed value (0.5-3), due to tyre lag."""
+    """Standard deviation of the yaw rate derived from the steering angle [deg/s]. Assumed value (range 0.5-3) for the
+    error caused by tyre lag."""
     rear_compliance_deg_s2_m: NonNegative = 0.7
     """Rear sideslip divided by specific side force [deg s2/m]. Assumed value (`magic_formula` 0.6-0.8, `soil` 0.5)."""
     position_walk_m_rt_s: Positive = 0.003
-    """Random walk of the position [m/sqrt(s)]. Assumed value (0.002-0.01) for oscillations of the antenna."""
+    """Random walk of the position [m/sqrt(s)]. Assumed value (range 0.002-0.01) for oscillations of the antenna."""
     yaw_walk_deg_rt_s: Positive = 0.012
-    """Random walk of the heading, excluding gyro noise [deg/sqrt(s)]. Assumed value (0.005-0.05): gyro scale and
-    tilt."""
+    """Random walk of the heading, excluding gyro noise [deg/sqrt(s)]. Assumed value (range 0.005-0.05) for errors of
+    gyro scale and tilt."""
     speed_walk_m_s_rt_s: Positive = 0.1
-    """Random walk of the speed [m/s/sqrt(s)]. Assumed value (0.05-0.3) for changes of the pedal position."""
+    """Random walk of the speed [m/s/sqrt(s)]. Assumed value (range 0.05-0.3) for changes of the pedal position."""
     yaw_rate_walk_deg_s_rt_s: Positive = 3.0
-    """Random walk of the yaw rate [deg/s/sqrt(s)]. Assumed value (1-10) for steering at the maximum rate."""
+    """Random walk of the yaw rate [deg/s/sqrt(s)]. Assumed value (range 1-10) for steering at the maximum rate."""
     gyro_bias_walk_deg_s_rt_s: Positive = 0.002
     """Random walk of the gyro bias [deg/s/sqrt(s)]. Assumed value, as in the sensor model."""
     sideslip_walk_deg_rt_s: Positive = 0.1
-    """Random walk of the excess sideslip with two antennas [deg/sqrt(s)]. Assumed value, as for the steering bias."""
+    """Random walk of unmodelled sideslip with two antennas [deg/sqrt(s)]. Assumed value, as for the steering bias."""
     steer_bias_walk_deg_rt_s: Positive = 0.1
-    """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (0.05-0.4), for which the bias changes by 1 deg
-    during half a turn on a slope."""
+    """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (range 0.05-0.4) for changes of 1 deg in a half
+    turn on a slope."""
     wheel_scale_walk_rt_s: Positive = 0.001
-    """Random walk of the relative wheel-speed error [1/sqrt(s)]. Assumed value (0.0005-0.003) for slip changes."""
+    """Random walk of the relative wheel-speed error [1/sqrt(s)]. Assumed value (range 0.0005-0.003) for slip
+    changes."""
     compliance_walk_deg_s2_m_rt_s: Positive = 0.005
-    """Random walk of the rear compliance [deg s2/m/sqrt(s)]. Assumed value; the compliance doubles when tyres slide."""
+    """Random walk of the rear-tyre compliance [deg s2/m/sqrt(s)]. Assumed value: sliding doubles the compliance."""
     turn_offset_walk_m_rt_m: Positive = 0.004
-    """Random walk of the turn offset with distance [m/sqrt(m)]. Assumed value for changes of 0.05 m between bends in
-    ruts and on tilled soil."""
+    """Random walk of the turn offset over the distance [m/sqrt(m)]. Assumed value for changes of 0.05 m between bends
+    in ruts and on tilled soil."""
     turn_offset_m: float = -0.015
     """Turn offset [m]: distance of the rear axle ahead of the point without sideslip in a slow bend. Assumed value:
     -0.02 to -0.01 on firm ground, 0.1 with a towed load, 0.35 in deep ruts."""
@@ -129,42 +133,43 @@ class EkfFull(CompiledEstimator):
     """Random walk of the relative wheel-speed error, divided by the gravity component along the ground [s2/m/sqrt(s)].
     Assumed value for slip that is not proportional to the slope."""
     unseen_slip_walk_rt_s: NonNegative = 0.008
-    """Additional random walk of the relative wheel-speed error without fixes [1/sqrt(s)], until fixes have determined
-    the slip variation. Assumed value: an implement of 600-1500 N enters or leaves tilled soil every 45 s. Default: 0
-    without an implement in the soil or a drawbar pull."""
+    """Additional random walk of the relative wheel-speed error without fixes [1/sqrt(s)], used until fixes have
+    determined the slip variation. Assumed value: an implement of 600-1500 N enters or leaves tilled soil every 45 s.
+    Default: 0 without an implement in the soil or a drawbar pull."""
     slip_s2_m: NonNegative = 0.0175
     """Wheel slip on a climb, divided by the gravity component along the ground [s2/m]. Assumed value for firm ground;
-    higher on soil."""
+    soil causes higher values."""
     slip_walk_s2_m_rt_s: Positive = 0.0005
     """Random walk of the wheel slip on a climb [s2/m/sqrt(s)]. Assumed value for changes of soil and load."""
     initial_compliance_sigma_deg_s2_m: Positive = 0.09
-    """Initial standard deviation of the rear compliance [deg s2/m]. Assumed value for level to steep firm ground."""
+    """Initial standard deviation of rear-tyre compliance [deg s2/m]. Assumed value for level or steep firm ground."""
     initial_turn_offset_sigma_m: Positive = 0.12
     """Initial standard deviation of the turn offset [m]. Assumed value (0.05 for firm ground to 0.2 for deep ruts);
     higher values double the error caused by missing fixes in the first bend."""
     initial_slip_sigma_s2_m: Positive = 0.005
-    """Initial standard deviation of the wheel slip on a climb [s2/m]. Assumed value for firm ground to tilled soil."""
+    """Initial standard deviation of the wheel slip on a climb [s2/m]. Assumed value for firm ground and tilled soil."""
     initial_position_sigma_m: Positive = 0.05
     """Standard deviation of the initial position [m]. Assumed value for the mean of one or two fixes."""
     initial_gyro_bias_sigma_deg_s: Positive = 0.5
-    """Initial standard deviation of the gyro bias [deg/s]. Assumed value (0.1-1) for a cold MEMS unit."""
+    """Initial standard deviation of the gyro bias [deg/s]. Assumed value (range 0.1-1) for a cold MEMS unit."""
     initial_sideslip_sigma_deg: Positive = 2.0
-    """Standard deviation of the excess sideslip [deg] at the first two-antenna heading. Assumed value for slopes."""
+    """Standard deviation of unmodelled sideslip [deg] at the first two-antenna heading. Assumed value for slopes."""
     initial_steer_bias_sigma_deg: Positive = 1.0
-    """Initial standard deviation of the steering bias [deg]. Assumed value, the resolution of the potentiometer."""
+    """Initial standard deviation of the steering bias [deg]. Assumed value: the resolution of the potentiometer."""
     initial_wheel_scale_sigma: Positive = 0.05
     """Initial standard deviation of the relative wheel-speed error [-]. Assumed value for wear, pressure and slip."""
     initial_yaw_error_deg: float = 0.0
-    """Error added to the initial heading to demonstrate the alignment [deg]."""
+    """Error added to the initial heading [deg], to demonstrate the yaw alignment."""
     gate_sigma: Positive = 5.0
-    """Number of standard deviations [-] above which an innovation is rejected as an outlier. Assumed value (4-6)."""
+    """Number of standard deviations [-] above which an innovation is rejected as an outlier. Assumed value (range
+    4-6)."""
     gate_position_m: NonNegative = 0.25
-    """Position innovation up to which every fix is accepted [m]. Assumed value: antenna height 2 m, tilt 7 deg."""
+    """Position innovation up to which every fix is accepted [m]. Assumed value: a 2 m high antenna tilted by 7 deg."""
     gate_velocity_m_s: NonNegative = 0.5
     """Velocity innovation up to which every fix is accepted [m/s]. Assumed value for an antenna oscillation of 15
     deg/s."""
     gate_patience_s: Positive = 2.0
-    """Duration of consecutive rejections [s] before the filter restarts from the fixes. Assumed value (1-5)."""
+    """Duration of consecutive rejections [s] before the filter restarts from the fixes. Assumed value (range 1-5)."""
 
     @property
     def needs(self) -> dict[str, str]:
@@ -231,7 +236,7 @@ class EkfFull(CompiledEstimator):
         )
 
     def _fix_noises(self, antenna: float) -> tuple[FixNoise, FixNoise, FixNoise, FixNoise]:
-        """Return the error of the rear-axle position for each fix quality; `antenna` is the antenna height [m]."""
+        """Return the rear-axle position error for each fix quality; `antenna` is the antenna height [m]."""
         lean = radians(self.imu_wander_sigma_deg if self.terrain_compensation else self.lean_sigma_deg) * antenna
         fixed, floating = self.gnss_correlated_fraction, self.gnss_float_correlated_fraction
         s, s_float = self.gnss_sigma_m, self.gnss_float_sigma_m

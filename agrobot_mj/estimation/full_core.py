@@ -1,4 +1,4 @@
-"""Inputs, state and state resets of the filter of the estimator `ekf_full`."""
+"""Inputs, state and state resets of the Kalman filter in the estimator `ekf_full`."""
 
 from math import nan, sin, sqrt
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from agrobot_mj.machine.tractor import GRAVITY
 
 
 class Inputs(NamedTuple):
-    """Measurements of a tick except the fix; a missing measurement is NaN."""
+    """Measurements of a tick, excluding the fix; a missing measurement is NaN."""
 
     t: float  # Time of the measurements [s]
     gyro: float  # Measured yaw rate [rad/s]
@@ -26,12 +26,12 @@ class Inputs(NamedTuple):
 
 @shared
 def side_of(inputs: Inputs) -> float:
-    """Return the gravity component of the specific side force on a side slope [m/s2]."""
+    """Return the specific side force due to gravity on a side slope [m/s2]."""
     return GRAVITY * sin(inputs.roll)
 
 
 class Gates(NamedTuple):
-    """Limits of the innovations, above which a fix is rejected as an outlier."""
+    """Limits above which the innovations of a fix are rejected as outliers."""
 
     nis: float  # NIS above which the position or the velocity of a fix is improbable [-]
     position: float  # Position innovation up to which every fix is accepted [m]
@@ -40,7 +40,7 @@ class Gates(NamedTuple):
 
 
 class Search(NamedTuple):
-    """State of the search for the initial yaw: sums of wheel speed times fix velocity in axes of the predicted
+    """State of the search for the initial yaw: sums of wheel speed times fix velocity along and across the predicted
     course."""
 
     active: bool = True  # Whether the yaw is unknown
@@ -56,7 +56,7 @@ class Rejections(NamedTuple):
     """Counts of accepted and rejected fixes."""
 
     accepted_t: float = 0.0
-    """Time of the last accepted fix [s], or of the start of the run before the first accepted fix."""
+    """Time of the last accepted fix [s]; before the first accepted fix, the start of the run."""
     probation: int = 0
     """Number of consecutive consistent fixes still required after a restart before a fix counts as accepted again."""
     position: int = 0  # Number of consecutive fixes with a rejected position
@@ -85,11 +85,11 @@ class Smooth(NamedTuple):
 
 
 class Crab(NamedTuple):
-    """Excess sideslip with a two-antenna heading: course of the fixes minus heading minus modelled sideslip."""
+    """Unmodelled sideslip from a two-antenna heading: course of the fixes minus heading minus modelled sideslip."""
 
-    mean: float = 0.0  # Mean excess sideslip [rad]
+    mean: float = 0.0  # Mean unmodelled sideslip [rad]
     time: float = 0.0  # Duration of the averaging of `mean` so far [s]
-    late: float = 0.0  # Mean excess sideslip of the last seconds [rad]
+    late: float = 0.0  # Mean unmodelled sideslip of the last seconds [rad]
     variance: float = 0.0  # Mean squared difference between `late` and `mean` [rad2]
 
 
@@ -106,7 +106,7 @@ class Core(NamedTuple):
     slip: WheelSlip = WheelSlip()  # Estimated variation of the wheel slip
     sway: SidewaysNoise = SidewaysNoise()
     """Random variation of the course in addition to the modelled sideslip, estimated from the fixes."""
-    crab: Crab = Crab()  # Excess sideslip with a two-antenna heading
+    crab: Crab = Crab()  # Unmodelled sideslip with a two-antenna heading
     nis: float = nan  # Normalised innovation squared of the position in the last tick [-], or NaN if there is no fix
 
 
@@ -130,7 +130,7 @@ def forget_correlated(mean: Vector, covariance: Matrix) -> tuple[Vector, Matrix]
 
 @jit
 def at_fix(mean: Vector, covariance: Matrix, fix: Fix, noise: FixNoise) -> tuple[Vector, Matrix]:
-    """Return mean and covariance with the position replaced by the fix and its covariance by `noise`."""
+    """Return mean and covariance after setting the position to the fix, with the position error `noise`."""
     mean, P = forget_correlated(mean, covariance)
     sigma = sqrt(noise.correlated * noise.correlated + noise.white * noise.white)
     mean[X], mean[Y] = fix.x, fix.y
@@ -139,7 +139,7 @@ def at_fix(mean: Vector, covariance: Matrix, fix: Fix, noise: FixNoise) -> tuple
 
 @jit
 def turned(mean: Vector, covariance: Matrix, angle: float, sigma: float) -> tuple[Vector, Matrix]:
-    """Return mean and covariance after rotating the yaw by `angle` [rad], with its standard deviation `sigma` [rad]."""
+    """Return mean and covariance with the yaw rotated by `angle` and its standard deviation set to `sigma` [rad]."""
     mean = mean.copy()
     mean[PSI] += angle
     return mean, alone(covariance, PSI, sigma)

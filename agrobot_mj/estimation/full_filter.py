@@ -1,13 +1,13 @@
 """Filter of the estimator `ekf_full` at the time of a fix: one EKF tick with gates and alignment.
 
-`Core` is the complete state of the filter. A tick predicts and then corrects with all measurement rows at once: gyro,
-wheel speed, steering, standstill, and position and velocity of a fix that pass their gates.
+`Core` is the complete state of the filter. A tick predicts the state and then corrects it with all measurements at
+once: gyro, wheel speed, steering angle, standstill, and position, velocity and heading of a fix that pass their gates.
 
 Gates: The position or velocity of a fix is rejected if its innovation is both improbable (`gate_sigma`) and larger than
 a minimum, which is the usual oscillation of the antenna. Consecutive rejections for `gate_patience_s` indicate a wrong
 filter state: the position restarts from the fix, and rejected velocities restart the search for the yaw. Fixes then
 count as accepted again after the same time without rejection. If wheel speed and fix speed differ by more than the
-minimum, the wheels spin or slide and the wheel speed is ignored. After a jump of the fix speed it is not ignored,
+minimum, the wheels spin or slide and the wheel speed is ignored. After a jump of the fix speed the wheel speed is used,
 because tyres cannot stop a tractor within a tick.
 
 Alignment: Until the yaw is found, the position is the position of the fixes. The yaw correction is the argument of
@@ -74,36 +74,37 @@ from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import GRAVITY
 
 ALIGNMENT_SIGMA = radians(0.3)
-"""Standard deviation at which the search for the yaw ends [rad]. Assumed value, reached after 1.4 m at 1.2 m/s."""
+"""Standard deviation of the yaw at which the yaw search ends [rad]. Assumed value, reached after 1.4 m at 1.2 m/s."""
 ALIGNED_SIGMA = radians(1.0)
-"""Standard deviation of the yaw after the search [rad]. Assumed value for the search error plus 2 s of gyro bias."""
+"""Standard deviation of the yaw after the search [rad]. Assumed value for search error and 2 s of gyro drift."""
 UNALIGNED_SIGMA = radians(104.0)  # Standard deviation of an unknown yaw: uniform over the circle [rad]
 SEARCH_SPEED = 0.1
 """Minimum wheel speed at which fix velocities determine the yaw [m/s]. Assumed value: 3 times the velocity noise."""
 SLIPPING_SPEED = 0.3
 """Minimum speed at which a fix determines the wheel slip [m/s]. Assumed value: ten times the velocity noise."""
 CRUISE_S = 1.0
-"""Time constant of the low-pass filter of the speed [s]. Assumed value: 20 measurements, and half the duration of an
-acceleration from standstill."""
+"""Time constant of the low-pass filter of the speed [s]. Assumed value: the duration of 20 measurements, and half the
+duration of an acceleration from standstill."""
 BEND_S = 0.6
-"""Time constant of the low-pass filter of the curvature [s]. Assumed value: the response time of the tyres, for
-steering-angle noise of 1 deg."""
+"""Time constant of the low-pass filter of the curvature [s]. Assumed value: the response time of the tyres, which is
+long enough to filter steering-angle noise of 1 deg."""
 STANDING_SPEED, STANDING_TICKS = 0.05, 10
-"""Maximum wheel speed [m/s] and minimum duration [ticks] of a standstill. Assumed values for speed noise, and 0.5 s."""
+"""Maximum wheel speed [m/s] and minimum duration [ticks] of a standstill. Assumed values: speed noise, and 0.5 s."""
 SWAY, SWAY_S = 0.15, 5.0
-"""Relative error of sideslip changes in the model [-], and twice its correlation time [s]. Assumed values for ruts."""
+"""Relative error of changes in modelled sideslip [-], and twice its correlation time [s]. Assumed values for ruts."""
 STEADY_S = 20.0
-"""Time constant of the low-pass filter of the modelled sideslip [s]. Assumed value: the duration of half a turn. The
-uncertainty of the tyre compliance covers longer sideslip, for example on a contour line."""
+"""Time constant of the low-pass filter of the modelled sideslip [s]. Assumed value: the duration of a half turn. The
+uncertainty of the tyre compliance covers sideslip that lasts longer, for example on a contour line."""
 LONGEST_GAP_S = 1.0  # Maximum time represented by one fix [s]. Assumed value, the period of a 1 Hz receiver.
 JUMP_M_S2 = 15.0
-"""Maximum plausible rate of change of the fix speed [m/s2]. Assumed value: twice the limit of tyre friction."""
+"""Maximum plausible rate of change of the speed of GNSS fixes [m/s2]. Assumed value: twice the friction limit of the
+tyres."""
 
 Used = tuple[bool, bool, bool]  # Whether position, velocity and heading of a fix are used, in this order
 
 
 class FullFilter(NamedTuple):
-    """Parameters of the filter of `ekf_full`: noise levels, limits and antenna position."""
+    """Parameters of the filter of `ekf_full`: noise levels, gate limits and antenna position."""
 
     levels: FullLevels  # Noise levels of states and measurements
     noises: tuple[FixNoise, FixNoise, FixNoise, FixNoise]  # Position error of a fix, for each fix quality
@@ -140,7 +141,7 @@ def step(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, quality: int, dt: 
 
 @jit
 def _received(f: FullFilter, core: Core, fix: Fix, quality: int) -> Core:
-    """Return the filter state after the receipt of a fix; the first two-antenna heading adds two states."""
+    """Return the filter state prepared for a fix; the first two-antenna heading adds two states."""
     mean, P, last = core.mean, core.covariance, core.seen
     if quality != last.quality:
         mean, P = forget_correlated(mean, P)
@@ -200,7 +201,7 @@ def _lever(f: FullFilter, core: Core, inputs: Inputs, mean: Vector, dt: float) -
 def _with_fix(
     f: FullFilter, core: Core, inputs: Inputs, fix: Fix, sway: float, dt: float
 ) -> tuple[Core, float, FixRows, Used]:
-    """Apply the gates to a fix. Return state, wheel speed (NaN if rejected), measurement rows, and the used rows."""
+    """Apply the gates to a fix. Return filter state, wheel speed (NaN if rejected), measurements and their use."""
     mean, P, search, r, variation = core.mean, core.covariance, core.search, core.rejections, core.sway
     noise, side, t = f.noises[core.seen.quality], SideLoad(side_of(inputs), core.smooth.bend), core.seen.t
     gap = min(inputs.t - t, LONGEST_GAP_S) if t >= 0.0 else dt
@@ -231,7 +232,7 @@ def _with_fix(
 
 @jit
 def _checked_wheels(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, side: SideLoad) -> tuple[Seen, float]:
-    """Return the properties of the fix, and the wheel speed, or NaN if the wheels spin or slide.
+    """Return time, quality and speed of the fix, and the wheel speed, which is NaN if the wheels spin or slide.
 
     Wheels spin or slide if their speed differs from a fix speed that has not jumped.
     """
@@ -300,7 +301,7 @@ def _gated_velocity(gates: Gates, rows: FixRows, r: Rejections) -> tuple[bool, b
 
 @jit
 def _is_probable(gates: Gates, P: Matrix, rows: FixRows) -> bool:
-    """Return whether a fix contains a two-antenna heading that passes its gate."""
+    """Return whether a fix contains a two-antenna heading and whether this heading passes its gate."""
     innovation = rows.innovation[4]
     if P.shape[0] == N or not isfinite(innovation):
         return False
@@ -312,7 +313,7 @@ def _is_probable(gates: Gates, P: Matrix, rows: FixRows) -> bool:
 def _searched(
     f: FullFilter, mean: Vector, P: Matrix, search: Search, wheel: float, fix: Fix, side: SideLoad
 ) -> tuple[Vector, Matrix, Search]:
-    """Return mean, covariance and yaw search after a fix, whose velocity or two-antenna heading determines the yaw."""
+    """Return mean, covariance and state of the yaw search after a fix with GNSS velocity or two-antenna heading."""
     if isfinite(fix.heading):
         innovation = wrap(fix.heading - (mean[PSI] + mean[MOUNT]))
         mean, P = turned(mean, P, innovation, f.levels.heading_sigma)

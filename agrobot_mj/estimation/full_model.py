@@ -11,7 +11,7 @@
   beta = -c f (1 + 1.1 (f / g)^2) - d kappa,    f = v^2 kappa + a
 
 chi is the course of R. The sideslip beta depends on the specific side force f and on the curvature kappa of the bend. a
-is the gravity component on a side slope [m/s2], known only with an IMU; without a, the heading estimate includes the
+is the gravity component on a side slope [m/s2], known only with an IMU; without IMU, the heading estimate includes the
 crab angle. The resistance of the rear wheels to turning shifts the point without sideslip by the turn offset d.
 
 kappa is computed from the smoothed steering angle; its effect fades at standstill. The yaw rate is unsuitable: bumps
@@ -23,7 +23,7 @@ moves the antenna on a cab roof by 3 cm. Unmeasured roll is computed from the si
 has white noise, whose density `sideslip_noise` estimates from the fixes. The midpoint rule avoids the half-tick delay
 of the paper's Euler step.
 
-The first two-antenna heading adds two states: the excess sideslip b, a random walk added to beta, and the mounting
+The first two-antenna heading adds two states: the unmodelled sideslip b, a random walk added to beta, and the mounting
 error m, which is 0 until the sideslip is implausible (`mounting`). Each measurement is a row of innovation, Jacobian
 and variance:
 
@@ -47,7 +47,7 @@ from agrobot_mj.machine.tractor import GRAVITY
 N = 14
 X, Y, PSI, V, OMEGA, B_G, B_S, G_E, G_N, K, C, D, S, AHEAD = range(N)
 BETA, MOUNT = N, N + 1
-"""Indices of the additional states with a two-antenna heading: excess sideslip and mounting error."""
+"""Indices of the additional states with a two-antenna heading: unmodelled sideslip and mounting error."""
 SCALE_LIMIT = 0.3
 """Maximum estimated relative error of the wheel speed [-]. Assumed value; a larger error is wheel spin or sliding."""
 
@@ -56,12 +56,12 @@ Walks = tuple[float, float, float, float, float, float, float, float, float, flo
 
 
 class FullLevels(NamedTuple):
-    """Noise levels of the filter: random walks per square root of time, and standard deviations of the measurements."""
+    """Parameters of the filter: random walks of the states, standard deviations of the measurements, and geometry."""
 
     wheelbase: float  # Wheelbase of the tractor [m]
     walks: Walks
     """Random walks of east and north position, heading, speed, yaw rate, gyro bias, steering bias, wheel scale, tyre
-    compliance, climb slip and antenna shift, in their units per square root of a second."""
+    compliance, wheel slip on a climb and antenna shift, in their units per square root of a second."""
     gyro_sigma: float  # Standard deviation of the gyro noise [rad/s]
     wheel_sigma: float  # Standard deviation of the wheel speed [m/s]
     steer_sigma: float  # Standard deviation of the yaw rate derived from the steering angle [rad/s]
@@ -70,9 +70,9 @@ class FullLevels(NamedTuple):
     """Random walk of the relative wheel-speed error, divided by the gravity component along the ground
     [s2/m/sqrt(s)]."""
     heading_sigma: float = radians(0.25)  # Standard deviation of a two-antenna heading [rad]
-    sideslip_walk: float = radians(0.1)  # Random walk of the excess sideslip [rad/sqrt(s)]
+    sideslip_walk: float = radians(0.1)  # Random walk of the unmodelled sideslip [rad/sqrt(s)]
     sideslip_sigma: float = radians(2.0)
-    """Standard deviation of the excess sideslip [rad] at the first two-antenna heading."""
+    """Standard deviation of the unmodelled sideslip [rad] at the first two-antenna heading."""
     turn_offset_walk: float = 0.004  # Random walk of the turn offset with distance [m/sqrt(m)]
     load_transfer: float = 0.0  # CG height divided by the distance of the CG from the front axle [-]
     cg_arm: float = 0.0  # Distance l_r of the CG ahead of the rear axle [m]
@@ -96,11 +96,11 @@ class SideLoad(NamedTuple):
 
 LEAST_LOAD = 0.1  # Minimum load of the rear axle on a slope, divided by its load on level ground [-]. Assumed value.
 SOFTENING = 1.1
-"""Coefficient of (side force / weight)^2 in the rear compliance [-]. Assumed value. `magic_formula` gives 1.0 at a
-slope of 12 deg, 1.2 at 20 deg and 1.4 at 25 deg."""
+"""Coefficient of (side force / weight)^2 in the rear-tyre compliance [-]. Assumed value. Tyres of kind `magic_formula`
+have 1.0 on a slope of 12 deg, 1.2 at 20 deg and 1.4 at 25 deg."""
 SLOW = 0.3
-"""Speed below which the curvature has less effect on the sideslip [m/s]. Assumed value: ten times the speed
-uncertainty."""
+"""Speed [m/s] at which the effect of the curvature on the sideslip is halved; at standstill the effect is zero. Assumed
+value: ten times the speed uncertainty."""
 
 
 @jit
@@ -111,13 +111,13 @@ def sideslip(mean: Vector, v: float, side: SideLoad) -> float:
 
 @jit
 def modelled_crab(mean: Vector, v: float, side: SideLoad) -> float:
-    """Return the crab angle modelled from side force and bend at a speed `v` [m/s], positive to the right [rad]."""
+    """Return the crab angle [rad], positive to the right, modelled from side force and bend at a speed `v` [m/s]."""
     return float(mean[C] * _stretched(v, side)[0] + mean[D] * side.bend * _moving(v)[0])
 
 
 @jit
 def _stretched(v: float, side: SideLoad) -> tuple[float, float]:
-    """Return specific side force times tyre softening [m/s2], and its derivative with respect to speed [1/s]."""
+    """Return the specific side force times tyre softening [m/s2], and its derivative with respect to speed [1/s]."""
     force = v * v * side.bend + side.gravity
     ratio = force / GRAVITY
     square = SOFTENING * (ratio * ratio)
@@ -188,9 +188,9 @@ def transition(mean: Vector, side: SideLoad, dt: float, decay: float) -> Matrix:
 def predict(
     mean: Vector, P: Matrix, Q: Matrix, side: SideLoad, density: float, dt: float, decay: float, known: bool
 ) -> tuple[Vector, Matrix]:
-    """Return predicted mean and covariance after `dt` [s] with the process noise `Q` (n, n), which is modified.
+    """Return predicted mean and covariance after `dt` [s]; the process noise `Q` (n, n) is modified in place.
 
-    The course has white noise of the given `density` [rad2 s]. The position does not change unless the yaw is `known`.
+    The course has white noise of the given `density` [rad2 s]. The position changes only if the yaw is `known`.
     """
     chi = course(mean, side)
     q, s, c = dt * density * (mean[V] * mean[V]), sin(chi), cos(chi)
@@ -241,15 +241,15 @@ def braking(pitch: float, v: float, side: SideLoad, levels: FullLevels) -> float
 
 @jit
 def wheel_scale(mean: Vector, pitch: float, braked: float) -> float:
-    """Return wheel speed divided by horizontal rear-axle speed [-], from scale error, slip and slope."""
+    """Return wheel speed divided by horizontal rear-axle speed [-], from scale error, wheel slip and pitch."""
     return float((1.0 + mean[K] - mean[S] * braked) / cos(pitch))
 
 
 @jit
 def with_sideslip(mean: Vector, covariance: Matrix, sigma: float) -> tuple[Vector, Matrix]:
-    """Return mean (16,) and covariance with two added states: excess sideslip and mounting error, both zero.
+    """Return mean (16,) and covariance with two added states: unmodelled sideslip and mounting error, both zero.
 
-    The standard deviation of the excess sideslip is `sigma` [rad].
+    The standard deviation of the unmodelled sideslip is `sigma` [rad].
     """
     longer, P = np.zeros(N + 2), np.zeros((N + 2, N + 2))
     for i in range(N):

@@ -1,4 +1,4 @@
-"""Measurement rows of the estimator `ekf_full`, their NIS, and the correction by all rows of a tick.
+"""Measurements of the estimator `ekf_full` as matrix rows, their NIS, and the correction by all rows of a tick.
 
 Each row has an innovation, its Jacobian and its variance; `full_model` lists the equations.
 """
@@ -39,7 +39,7 @@ starting tractor turns at up to 0.4 deg/s before its wheels rotate."""
 
 
 class FixRows(NamedTuple):
-    """Linearised measurements of a fix: position (two rows), velocity along and across the course, heading."""
+    """Linearised measurements of a fix: position (two rows), velocity along and across the course, and heading."""
 
     innovation: Vector  # Measured minus expected values, shape (5,)
     jacobian: Matrix  # Derivatives with respect to the states, shape (5, n)
@@ -49,7 +49,7 @@ class FixRows(NamedTuple):
 
 
 class FixNumbers(NamedTuple):
-    """Fix of the rear-axle point R, with the lever arm and the variances of its measurement rows."""
+    """Fix of the rear-axle point R, with the lever arm and the variances of its measurements."""
 
     x: float  # East position of the rear-axle point R [m]
     y: float  # North position of the rear-axle point R [m]
@@ -88,7 +88,7 @@ class MotionNoise(NamedTuple):
 def motion_rows(mean: Vector, m: MotionReadings, noise: MotionNoise, y: Vector, H: Matrix, R: Matrix) -> int:
     """Write the rows of steering angle, gyro, wheel speed and standstill into y, H and R; return the number of rows.
 
-    The steering angle measures only the yaw rate, because the front tyres slip. The derivatives with respect to the
+    The steering angle does not correct the speed, because the front tyres slip. The derivatives with respect to the
     wheel scale use the low-pass filtered speed. Due to the noise of v, speed and scale would otherwise appear to be
     separately observable during a loss of fixes.
     """
@@ -140,7 +140,7 @@ def fix_rows(mean: Vector, P: Matrix, fix: FixNumbers, noise: FixNoise, side: Si
 
 @jit
 def _squared_innovation(a: int, y: Vector, H: Matrix, R: Vector, P: Matrix) -> float:
-    """Return the NIS of the rows `a` and `a` + 1 of an innovation, for the covariance `P` (n, n) of the state."""
+    """Return the normalised innovation squared of the rows `a` and `a` + 1; `P` (n, n) is the state covariance."""
     s_aa, s_ab, s_bb = R[a], 0.0, R[a + 1]
     for i in range(P.shape[0]):
         if H[a, i] == 0.0 and H[a + 1, i] == 0.0:
@@ -157,9 +157,9 @@ def _squared_innovation(a: int, y: Vector, H: Matrix, R: Vector, P: Matrix) -> f
 def corrected(
     mean: Vector, P: Matrix, motion: MotionReadings, noise: MotionNoise, fix: FixRows, used: tuple[bool, bool, bool]
 ) -> tuple[Vector, Matrix]:
-    """Return mean and covariance corrected by motion and fix in one step; the wheel scale is limited to SCALE_LIMIT.
+    """Return mean and covariance after a joint correction by the motion measurements and the fix.
 
-    `used` indicates which measurements of the fix are used: position, velocity and heading.
+    `used` selects position, velocity and heading of the fix. The wheel scale is limited to SCALE_LIMIT.
     """
     y, H, R = np.zeros(10), np.zeros((10, mean.size)), np.zeros((10, 10))
     k = motion_rows(mean, motion, noise, y, H, R)

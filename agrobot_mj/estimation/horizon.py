@@ -1,9 +1,9 @@
 """Use of delayed fixes at the time of their measurement: filter state at the newest fix, extended by dead reckoning.
 
-Newer measurements are queued. A fix corrects the core (the filter state) at the time of the fix, and integration of the
-queued gyro and wheel measurements gives the current pose. Without latency the queue is empty. A fix older than the core
-(after an increase of the latency) restores an earlier core from the history. A fix older than the last fix is ignored.
-Without fixes the delay of the core remains constant.
+Measurements newer than this state are queued. A fix corrects the core (the filter state) at the time of the fix, and
+integration of the queued gyro and wheel measurements gives the current pose. Without latency the queue is empty. A fix
+older than the core (after an increase of the latency) restores an earlier core from the history. A fix older than the
+last fix is ignored. Without fixes the delay of the core remains constant.
 """
 
 from math import cos, isfinite, isnan, nan, sin
@@ -44,18 +44,18 @@ from agrobot_mj.estimation.lever_arm import offset
 
 HISTORY_TICKS, BLOCK_TICKS = 110, 10
 """Minimum number of stored filter states, and number of states in a block; a tick copies only the last block. Assumed
-value for the maximum latency of a receiver, 5 s, plus a margin."""
+value for a maximum receiver latency of 5 s, plus a margin."""
 
 
 class Horizon(NamedTuple):
-    """Filter state at the newest fix, measurements since then, and previous states."""
+    """Filter state at the newest fix, the measurements since then, and previous filter states."""
 
     held: Held[Core]  # Filter state at the time of the newest fix
     seen_t: float = -1.0  # Time of the newest fix [s]
     waiting: Matrix = np.zeros((0, 8))  # Measurements newer than `core`, oldest first: rows of `Inputs`, shape (n, 8)
     history: tuple[tuple[tuple[Held[Core], float, Matrix], ...], ...] = ((),)
-    """Previous states in blocks, oldest first: core before a tick, time of its newest fix, and measurements used in the
-    tick."""
+    """Previous filter states in blocks, oldest first: core before a tick, time of its newest fix, and measurements used
+    in the tick."""
 
     @property
     def core(self) -> Core:
@@ -63,7 +63,7 @@ class Horizon(NamedTuple):
         return fetched(self.held)
 
     def back(self, ticks: int) -> "Horizon":
-        """Return the horizon at least `ticks` ticks earlier, with all later measurements queued again."""
+        """Return the horizon of at least `ticks` ticks earlier, with all later measurements queued again."""
         if ticks <= 0:
             return self
         core, seen_t, waiting, history = *self[:3], [tick for block in self.history for tick in block]
@@ -81,7 +81,7 @@ class Horizon(NamedTuple):
         return Horizon(core, seen_t, queue[ticks:], (*blocks, last))
 
     def at(self, t: float, fix: Fix, dt: float) -> "tuple[Horizon, int, Fix]":
-        """Return the horizon before a fix that arrives at `t` [s], the ticks up to the fix, and the fix.
+        """Return the horizon rewound for a fix that arrives at `t` [s], the number of ticks up to the fix, and the fix.
 
         The fix is NaN if it is older than the last fix or the history.
         """
@@ -104,7 +104,7 @@ class Settings(NamedTuple):
 
 
 class Present(NamedTuple):
-    """Estimate at the current time."""
+    """Estimated motion of the rear axle at the current time."""
 
     x: float  # East position of the rear-axle point R [m]
     y: float  # North position of the rear-axle point R [m]
@@ -124,7 +124,7 @@ def estimated(
     s: Held[Settings], core: Held[Core], waiting: Matrix, tilt: SmoothedTilt, health: Health, m: Readings, ticks: int,
     fix: Fix, quality: int, dt: float,
 ) -> tuple[Held[Core], float, Matrix, SmoothedTilt, Health, Held[Estimate], Logged]:  # fmt: skip
-    """Return core, time of its newest fix, queue, tilt, health, estimate and logged values at the end of a tick.
+    """Return the core, the time of its newest fix, queue, tilt, health, estimate and log values at the end of a tick.
 
     The core is the filter state. It advances by the first `ticks` measurements of the queue; the fix corrects the last
     of these ticks.
@@ -177,7 +177,7 @@ def _inputs(queue: Matrix, k: int) -> Inputs:
 
 @jit
 def present(core: Core, levels: FullLevels, waiting: Matrix, last: Inputs, dt: float) -> Present:
-    """Return the estimate at the current time by dead reckoning over the queue; `last` gives the current side force."""
+    """Return the current estimate by dead reckoning over the queue; `last` gives the current side force."""
     mean, bend, ticks = core.mean, core.smooth.bend, waiting.shape[0]
     x, y, psi, v, omega = mean[X], mean[Y], mean[PSI], mean[V], mean[OMEGA]
     gain_v = steady_gain(levels.walks[3], levels.wheel_sigma, dt)

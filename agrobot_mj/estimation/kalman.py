@@ -1,4 +1,4 @@
-"""Kalman filter step of the estimators, compiled (3 us) or computed by the package filterpy (60 us)."""
+"""Kalman filter step of the estimators, either compiled (3 us) or computed by the package filterpy (60 us)."""
 
 from collections.abc import Callable
 from math import nan

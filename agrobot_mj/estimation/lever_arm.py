@@ -1,8 +1,8 @@
 """Lever arms on a tilted tractor: horizontal offset of a body point from the rear axle, and correction of a fix.
 
-R is the point on the ground below the centre of the rear axle. Attitude according to ISO 8855: yaw, then pitch, then
-roll; roll positive with the left side up, pitch positive nose down [rad]. Arms are in vehicle axes (x forward, y left,
-z up) from R [m]; offsets are east and north [m].
+R is the point on the ground below the centre of the rear axle. The attitude follows ISO 8855: yaw, then pitch, then
+roll; roll is positive with the left side up, pitch is positive nose down [rad]. Arms are vectors from R in vehicle axes
+(x forward, y left, z up) [m]; offsets are east and north [m].
 """
 
 from math import exp, isnan, nan

@@ -3,7 +3,7 @@
 On a straight line only the sum of sideslip and mounting error is observable: the course minus the measured heading.
 Sideslip of several degrees does not occur on level ground. If the mean of the sum over `WINDOW_S` exceeds `CRAB` plus
 the effect of the turn offset in a bend, the sum is attributed to the mounting error, which becomes an estimated state.
-If a faulty receiver repeats a heading, the sum is large and varies in bends; it is then ignored.
+If a faulty receiver repeats a heading, the sum is large and varies in bends; a varying sum is ignored.
 """
 
 from math import atan2, isfinite, pi, radians
@@ -15,15 +15,15 @@ from agrobot_mj.estimation.full_core import Core, Crab, alone
 from agrobot_mj.estimation.full_model import BETA, MOUNT, PSI, N, SideLoad, V, modelled_crab
 
 CRAB = radians(3.0)
-"""Maximum steady excess sideslip [rad]. Assumed value: implement draught, or a slope of 20 deg without IMU."""
+"""Maximum steady unmodelled sideslip [rad]. Assumed value for implement draught, or a slope of 20 deg without IMU."""
 TURN_OFFSET = 0.5
-"""Maximum turn offset [m]; its product with the curvature is added to `CRAB`. Assumed value; 0.35 in deep ruts."""
+"""Maximum turn offset [m]; its product with the curvature is added to `CRAB`. Assumed value; deep ruts cause 0.35 m."""
 WINDOW_S = 5.0
 """Averaging time of the sum of sideslip and mounting error [s]. Assumed value; noise and bumps then cause 0.3 deg."""
 LATE_S = 1.5  # Averaging time that suppresses the oscillation of the antenna on rough ground [s]. Assumed value.
 STEADY, SPREAD = 0.12, radians(3.0)
-"""Maximum standard deviation of the mean over `LATE_S`: relative to the mean over `WINDOW_S` [-], and absolute [rad].
-Assumed values: rough ground causes 1-2 deg; a repeated heading in a bend causes 0.18 of the mean."""
+"""Maximum standard deviation of the unmodelled sideslip averaged over `LATE_S`: relative to its mean over `WINDOW_S`
+[-], and absolute [rad]. Assumed values: rough ground causes 1-2 deg; a repeated heading in a bend, 0.18 of the mean."""
 MOST = radians(30.0)  # Maximum mounting error [rad]. Assumed value: three times `MOUNT_SIGMA`.
 MOUNT_SIGMA = radians(10.0)
 """Initial standard deviation of the mounting error [rad]. Assumed value for antennas aligned by eye."""
@@ -35,7 +35,7 @@ MOVING = 0.5  # Minimum speed for a valid course [m/s]. Assumed value, fifteen t
 
 @jit
 def with_crab(core: Core, fix: Fix, side: SideLoad, dt: float) -> Crab:
-    """Return the mean excess sideslip updated by a fix of the rear axle, `dt` [s] after the previous fix."""
+    """Return the mean unmodelled sideslip updated by a fix of the rear axle, `dt` [s] after the previous fix."""
     v = core.mean[V]
     if core.mean.size == N or core.search.active or abs(v) < MOVING or not isfinite(fix.heading):
         return core.crab
@@ -51,13 +51,13 @@ def with_crab(core: Core, fix: Fix, side: SideLoad, dt: float) -> Crab:
 
 @jit
 def implausible(crab: Crab, bend: float) -> bool:
-    """Return whether the mean excess sideslip exceeds the maximum of any ground at the path curvature `bend` [1/m]."""
+    """Return whether the mean unmodelled sideslip exceeds its maximum on any ground at the curvature `bend` [1/m]."""
     return abs(crab.mean) > CRAB + TURN_OFFSET * abs(bend)
 
 
 @jit
 def with_mounting(mean: Vector, covariance: Matrix, crab: Crab, bend: float) -> tuple[Vector, Matrix, Crab]:
-    """Return mean, covariance and excess sideslip; add the mounting error as a state if the sideslip is implausible."""
+    """Return mean, covariance and sideslip; implausible, steady unmodelled sideslip becomes the mounting error."""
     if crab.time < WINDOW_S or not implausible(crab, bend):
         return mean, covariance, crab
     spread = min(STEADY * abs(crab.mean), SPREAD)

@@ -3,8 +3,8 @@
 SI units and radians, ENU. As in the paper, the antenna is assumed to be exactly above R, the ground point below the
 rear axle, so that roll on a slope causes an unmodelled error. With `terrain_compensation`, the measured roll and pitch
 are used to transform the fix to R and to compute the tilted position of the CG. The speed is the component of the
-filtered velocity along the estimated heading; it has a sign, and no bias at standstill. Subclasses define their keys
-and pose filter.
+filtered velocity along the estimated heading: negative in reverse, and unbiased at standstill. Subclasses define their
+keys and pose filter.
 """
 
 from math import cos, exp, isfinite, isnan, nan, radians, sin, tan
@@ -43,7 +43,7 @@ class PoseSettings(NamedTuple):
     swing_filter_s: float
     yaw_rate_filter_s: float
     sigmas: tuple[float, float, float]
-    """Standard deviations of fixed and float positions [m] and of the GNSS velocity [m/s]."""
+    """Standard deviations of RTK-fixed and RTK-float positions [m] and of the GNSS velocity [m/s]."""
     velocity_walk: float
 
 
@@ -66,7 +66,7 @@ class EstimatorState(NamedTuple):
     law: Held[Any]  # Parameters of the compiled pose filter
     numbers: Held[PoseState]  # Means, covariances and diagnostics
     filters: tuple[VelocityKf, FixEkf] | None
-    """Velocity filter and pose filter if evaluated in Python, or None if the tick is compiled."""
+    """Velocity filter and pose filter if they are evaluated in Python, or None if the tick is compiled."""
 
 
 class Prepared(NamedTuple):
@@ -103,7 +103,7 @@ def measured(
 def prepared(
     s: PoseSettings, state: PoseState, m: Readings, fix: Fix, quality: int, bias: float, dt: float
 ) -> Prepared:
-    """Return the inputs of the pose filter from the velocity filter.
+    """Update the velocity filter and return the inputs of the pose filter.
 
     `bias` is the steering bias [rad]; a missing fix is NaN.
     """
@@ -117,7 +117,7 @@ def finished(
     s: PoseSettings, state: PoseState, now: Prepared, found: tuple[Vector, Matrix, float], m: Readings, bias: float,
     dt: float,
 ) -> tuple[PoseState, Estimate]:  # fmt: skip
-    """Return state and estimate after the pose filter; `bias` [rad] is the steering bias, NaN if not estimated."""
+    """Return state and estimate from the result `found` of the pose filter. `bias` [rad] is NaN if not estimated."""
     pose, P, nis = found
     x, y, psi = pose[0], pose[1], pose[2]
     keep = exp(-dt / s.yaw_rate_filter_s) if s.yaw_rate_filter_s > 0.0 else 0.0
@@ -149,48 +149,50 @@ def along(yaw: float, motion: Vector) -> float:
 
 
 class PoseEstimator(CompiledEstimator):
-    """Base class of estimators with velocity filter and pose filter. Subclasses define `pose_filter` and `beliefs`."""
+    """Base class of estimators with velocity filter and pose filter; subclasses define `pose_filter` and `beliefs`."""
 
     sized: ClassVar = {"yaw_walk_deg_rt_s": {"length": -1}}
     compiled: ClassVar[Any] = None
-    """Compiled tick with the parameters of the pose filter, or None if the filters are evaluated in Python."""
+    """Compiled function for a tick, or None if the filters are evaluated in Python."""
 
     backend: Literal["compiled", "filterpy"] = "compiled"
-    """Implementation of both Kalman filters: `compiled`, or the classes of `filterpy`."""
+    """Implementation of both Kalman filters: `compiled`, or the classes of the package `filterpy`."""
     yaw_rate_source: Literal["ekf", "kinematic", "gyro"] = "ekf"
     """Source of the yaw rate: estimated yaw (`ekf`), speed and steering angle (`kinematic`), or an enabled `gyro`."""
     terrain_compensation: bool = False
-    """Whether measured roll and pitch are used to transform fixes from the antenna to the rear axle; needs the IMU."""
+    """Whether roll and pitch from the IMU are used to transform fixes from the antenna to the rear axle."""
     swing_filter_s: NonNegative = 0.1
-    """Filter time constant of the antenna velocity due to tilting [s]; 0 disables the filter. Assumed value (0-0.2)."""
+    """Time constant for filtering the antenna velocity caused by tilting [s]; 0 disables the filter. Assumed value
+    (range 0-0.2)."""
     turning_velocity: bool = False
     """Whether the velocity estimate rotates with the yaw. Default: false (constant direction), as in the paper."""
     yaw_rate_filter_s: NonNegative = 0.15
-    """Filter time constant of the EKF's yaw rate [s]; 0 disables the filter. Assumed value (0.1-0.3)."""
+    """Time constant for filtering the EKF's yaw rate [s]; 0 disables the filter. Assumed value (range 0.1-0.3)."""
     gnss_sigma_m: Positive = 0.02
-    """Standard deviation of an RTK-fixed position per axis [m] in the filter. Paper, section V-A."""
+    """Standard deviation of RTK-fixed positions per axis in the filter [m]. Paper, section V-A."""
     gnss_float_sigma_m: Positive = 0.3
-    """Standard deviation of an RTK-float position per axis [m] in the filter. Assumed value of the receiver model."""
+    """Standard deviation of RTK-float positions per axis in the filter [m]. Assumed value, as in the receiver model."""
     gnss_velocity_sigma_m_s: Positive = 0.03
-    """Standard deviation of the GNSS velocity per axis [m/s] in the filter. Assumed value of the receiver model."""
+    """Standard deviation of the GNSS velocity per axis in the filter [m/s]. Assumed value, as in the receiver model."""
     velocity_walk_m_s_rt_s: Positive = 0.1
-    """Random walk of the velocity per axis [m/s/sqrt(s)]. Assumed value (0.05-0.3): changes of pedal and heading."""
+    """Random walk of the velocity per axis [m/s/sqrt(s)]. Assumed value (range 0.05-0.3) for changes of pedal position
+    and heading."""
     position_walk_m_rt_s: Positive = 0.01
     """Random walk of the EKF's position [m/sqrt(s)]. Assumed value: 0.007 for velocity noise, plus antenna
     oscillation."""
     yaw_walk_deg_rt_s: Positive = 0.3
-    """Random walk of the EKF's yaw [deg/sqrt(s)]. Assumed value (0.1-1) for slip and steering errors, whose effect
-    decreases with the wheelbase."""
+    """Random walk of the EKF's yaw [deg/sqrt(s)]. Assumed value (range 0.1-1) for sideslip and steering errors, whose
+    effect decreases with increasing wheelbase."""
     initial_position_sigma_m: Positive = 0.05
     """Standard deviation of the initial position [m]. Assumed value for the mean of one or two fixes."""
     initial_velocity_sigma_m_s: Positive = 1.0
-    """Standard deviation of the initial velocity of zero [m/s]. Assumed value; the tractor starts at rest."""
+    """Standard deviation of the initial velocity [m/s], whose mean is zero. Assumed value for a start at rest."""
     initial_yaw_sigma_deg: Positive = 5.0
     """Standard deviation of the initial yaw [deg]. Assumed value for a tractor aligned by eye."""
 
     @property
     def needs(self) -> dict[str, str]:
-        """Required sensors: gyro if it is the source of the yaw rate, and IMU for terrain compensation."""
+        """Required sensors: the gyro if it is the source of the yaw rate, and the IMU for terrain compensation."""
         gyro = {"gyro": 'yaw_rate_source: "gyro"'} if self.yaw_rate_source == "gyro" else {}
         return gyro | ({"imu": "terrain_compensation:"} if self.terrain_compensation else {})
 
@@ -199,7 +201,7 @@ class PoseEstimator(CompiledEstimator):
         raise NotImplementedError
 
     def beliefs(self) -> tuple[Array, Array]:
-        """Return the initial mean and standard deviation of the states after x, y and yaw, each of shape (n - 3,)."""
+        """Return initial means and standard deviations of the states after x, y and yaw, each of shape (n - 3,)."""
         return np.empty(0), np.empty(0)
 
     def steer_bias(self, pose: Array) -> float | None:

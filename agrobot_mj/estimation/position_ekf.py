@@ -1,4 +1,4 @@
-"""Extended Kalman filter step of the pose filters, corrected by the position of a fix."""
+"""Extended Kalman filter step of the pose filters, with correction by the position of a fix."""
 
 from math import isnan, nan
 from typing import Any, ClassVar, NamedTuple
@@ -25,7 +25,7 @@ class Linearised(NamedTuple):
 
 @jit
 def corrected(m: Linearised, P: Matrix, fix: Fix) -> tuple[Vector, Matrix, float]:
-    """Return mean, covariance and NIS [-] after a tick, for the previous covariance P. A missing fix is NaN."""
+    """Return mean, covariance and NIS [-] after a tick; `P` is the covariance before the tick. A missing fix is NaN."""
     if isnan(fix.x):
         return m.x, prior(P, m.F, m.Q), nan
     return tick(m.x, P, m.F, m.Q, np.array((fix.x, fix.y)) - applied(m.H, m.x), m.H, m.R)
@@ -43,7 +43,7 @@ class FixEkf(Filter):
     ) -> tuple[Array, Array, float]:
         """Return mean (n,), covariance (n, n) and NIS after a tick, corrected by the fix at its end.
 
-        NIS is the normalised innovation squared of the position, NaN without a fix.
+        The NIS is the normalised innovation squared of the position, or NaN without a fix.
         """
         x, F, Q, H, R = type(self).model(self.law, mean, inputs, sigma)
         y = None if fix is None else np.array((fix.x, fix.y)) - applied(H, x)

@@ -1,8 +1,8 @@
-"""Random variation of the course, estimated from fixes to limit the weight of their velocity.
+"""Random variation of the course, estimated from the fixes to limit the weight of their velocity.
 
 Rough ground, ruts and tyre transients move the rear axle sideways in addition to the modelled sideslip. The
-cross-course velocity innovations of a consistent filter are white. With m as the low-pass filtered innovation, course
-variation increases mean(m^2) above the value of white noise. The density of the variation is 2 `LOW_PASS_S` (mean(m^2)
+cross-course velocity innovations of a consistent filter are white. If m is the low-pass filtered innovation, course
+variation increases mean(m^2) above its value for white noise. The density of the variation is 2 `LOW_PASS_S` (mean(m^2)
 - white), averaged over `MEMORY_S`.
 """
 
@@ -12,10 +12,10 @@ from typing import NamedTuple
 from agrobot_mj.core.kernels import kernel_method, shared
 
 LOW_PASS_S = 4.0
-"""Time constant of the low-pass filter [s]. Assumed value: bumps move the rear axle sideways and back within 2 s,
-whereas a lasting displacement becomes a heading error."""
+"""Time constant of the low-pass filter [s]. Assumed value: it suppresses the sideways motion over bumps, which lasts
+less than 2 s, but not longer displacements, which the filter would interpret as a heading error."""
 MEMORY_S = 60.0
-"""Averaging time of the course variation [s]. Assumed value: 8 independent values of the filtered innovation."""
+"""Averaging time of the random course variation [s]. Assumed value: the time of 8 independent filtered innovations."""
 
 
 class SidewaysNoise(NamedTuple):
@@ -38,5 +38,5 @@ kernel_method("after")
 
 @shared
 def density(sway: SidewaysNoise) -> float:
-    """Return the density of white noise that is equivalent to the course variation [rad2 s]."""
+    """Return the density of the white noise that is equivalent to the course variation [rad2 s]."""
     return 2.0 * LOW_PASS_S * max(0.0, sway.excess)

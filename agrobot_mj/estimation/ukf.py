@@ -1,8 +1,8 @@
-"""Unscented Kalman filter of the pose, using `UnscentedKalmanFilter` of filterpy.
+"""Unscented Kalman filter of the pose, based on `UnscentedKalmanFilter` of filterpy.
 
 State, motion model, measurement and noise are the same as in `ekf`. Scaled sigma points [Merwe2004] replace the
 Jacobian, so that the predicted mean includes the effect of a large yaw variance after a long time without fixes. Mean
-and covariance agree with `ekf` for a small standard deviation of the yaw.
+and covariance agree with those of `ekf` for a small standard deviation of the yaw.
 """
 
 from math import nan, radians
@@ -56,7 +56,8 @@ class Ukf(PoseEstimator):
 
     kind: Literal["ukf"] = "ukf"
     sigma_point_spread: Annotated[float, Field(gt=0, le=1)] = 0.5
-    """Distance of the sigma points from the mean, divided by sqrt(3) standard deviations [-]. Assumed value (0.1-1)."""
+    """Distance of the sigma points from the mean, divided by sqrt(3) standard deviations [-]. Assumed value (range
+    0.1-1)."""
 
     def pose_filter(self, tractor: TractorParameters) -> PoseUkf:
         """Return the unscented pose filter. Raises `ScenarioError` if filterpy is not installed."""

@@ -1,8 +1,8 @@
 """Position-velocity Kalman filter of the antenna, which smooths the GNSS velocity.
 
-State (x, vx, y, vy) in ENU [m, m/s]; the velocity is a random walk [Brown2012]. The receiver measures all four states.
-The paper gives the transition `kinematicmodelKF` but no noise. The process noise here is continuous white acceleration,
-so that the covariance is independent of the tick length.
+The state is (x, vx, y, vy) in ENU [m, m/s]; the velocity is a random walk [Brown2012]. The receiver measures all four
+states. The paper gives the transition `kinematicmodelKF` but no noise. The process noise here is white acceleration in
+continuous time, so that the covariance is independent of the tick length.
 """
 
 from math import cos, isnan, sin
@@ -26,7 +26,7 @@ def transition(dt: float) -> Matrix:
 
 @jit
 def process_noise(velocity_walk: float, dt: float) -> Matrix:
-    """Return the process-noise covariance for `dt` [s], shape (4, 4); `velocity_walk` in [m/s/sqrt(s)]."""
+    """Return the process-noise covariance for `dt` [s] and `velocity_walk` [m/s/sqrt(s)], shape (4, 4)."""
     Q, variance = np.zeros((4, 4)), velocity_walk * velocity_walk
     for place in (0, 2):
         Q[place, place], Q[place + 1, place + 1] = variance * (dt * dt * dt / 3), variance * dt
@@ -69,7 +69,7 @@ class VelocityKf(Filter):
         self.velocity_walk = velocity_walk
 
     def step(self, mean: Vector, covariance: Array, fix: Fix | None, noise: Array, dt: float) -> tuple[Array, Array]:
-        """Return mean (4,) and covariance (4, 4) after `dt` [s], corrected by the fix at that time.
+        """Return mean (4,) and covariance (4, 4) after `dt` [s], corrected by the fix at the end.
 
         `noise` (4, 4) is the covariance of the fix (x, vx, y, vy).
         """

@@ -13,10 +13,10 @@ from typing import NamedTuple
 from agrobot_mj.core.kernels import kernel_method
 
 RESIDUAL_S = 2.0
-"""Time constant for filtering the residual [s]. Assumed value, 40 fixes; slip changes of 1 % are then significant."""
+"""Time constant for filtering the residual [s]. Assumed value: 40 fixes, which make slip changes of 1 % significant."""
 MEMORY_S = 300.0  # Averaging time of the slip variation [s]. Assumed value, the duration of several swaths.
 SIGNIFICANT = 9.0
-"""Squared residual, divided by its variance [-], above which the slip has changed. Assumed value (three sigma)."""
+"""Minimum squared residual, divided by its variance, that indicates a slip change [-]. Assumed value (three sigma)."""
 
 
 class WheelSlip(NamedTuple):
@@ -27,7 +27,7 @@ class WheelSlip(NamedTuple):
     memory: float = 0.0  # Mean of `change` over `MEMORY_S` [1/s]
 
     def after(self, residual: float, variance: float, scale_variance: float, dt: float) -> "WheelSlip":
-        """Return the state after `dt` [s], given a relative `residual`, its variance and the wheel-scale variance."""
+        """Return the state `dt` [s] later, given a relative `residual`, its variance and the wheel-scale variance."""
         keep, decay = exp(-dt / RESIDUAL_S), exp(-dt / MEMORY_S)
         low = keep * self.residual + (1.0 - keep) * residual
         expected = variance * 0.5 * dt / RESIDUAL_S + scale_variance
@@ -35,7 +35,7 @@ class WheelSlip(NamedTuple):
         return WheelSlip(low, change, decay * self.memory + (1.0 - decay) * change)
 
     def unseen(self) -> "WheelSlip":
-        """Return the state after a tick without a fix, whose slip variance is the mean from earlier fixes."""
+        """Return the state after a tick without a fix; the mean variance rate from earlier fixes is used."""
         return WheelSlip(0.0, self.memory, self.memory)
 
 

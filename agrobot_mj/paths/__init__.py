@@ -1,7 +1,7 @@
 """Reference paths: desired position and velocity of the CG as functions of time.
 
 `base.py` defines the interface of all paths. `line`, `circle` and `figure_eight` have a constant speed after a ramp.
-All other paths derive from `Timed`, which computes the speed from speed and acceleration limits. Paths with parallel
+All other paths derive from `Timed`, which computes the speed from limits of speed and acceleration. Paths with parallel
 passes derive from `Parallel`, which adds the time intervals of the passes, `passes_s`.
 """
 

@@ -1,8 +1,8 @@
 """Geometry of a path segment: poses along an arc or a clothoid, and the reference state of a point that moves along it.
 
-Distances [m] are measured along the tractor's heading and are negative in reverse. Curvature [1/m] is positive left.
-Yaw is counter-clockwise from east. `progress` and its inverse `time_at` apply to paths with a linear speed ramp from
-rest to a constant speed.
+Distances [m] are measured along the tractor's heading and are negative in reverse. Curvature [1/m] is positive to the
+left. Yaw is counter-clockwise from east. `progress` and its inverse `time_at` apply to paths with a linear speed ramp
+from rest to a constant speed.
 """
 
 from itertools import pairwise
@@ -23,7 +23,7 @@ RAMP_S = 4.0  # Default ramp time [s]. Assumed value, typical of drivers: 0.3 m/
 NODES = tuple(zip(*(part.tolist()[2:] for part in np.polynomial.legendre.leggauss(5)), strict=True))
 """Nodes and weights [-] of five-point Gauss-Legendre quadrature: the central node and the positive nodes."""
 MAX_HALF_TURN = 0.2
-"""Maximum heading change over half a segment [rad]. Longer segments are halved, for a relative error below 1e-10."""
+"""Maximum heading change over half a clothoid [rad]. Longer clothoids are halved, for a relative error below 1e-10."""
 
 
 class Pose(NamedTuple):
@@ -84,14 +84,14 @@ def _along_clothoid(start: Pose, curvature: float, distance: float, sharpness: f
 
 
 def progress(t: float, ramp: float) -> tuple[float, float]:
-    """Return the travelled distance [s] and speed [-] at time `t` [s], both divided by the full speed."""
+    """Return the distance travelled [s] and the speed [-] at time `t` [s], both divided by the speed after the ramp."""
     if t >= ramp:
         return t - ramp / 2, 1.0
     return (t * t / (2 * ramp), t / ramp) if t > 0 else (0.0, 0.0)
 
 
 def time_at(moved: float, ramp: float) -> float:
-    """Return the time [s] at which the travelled distance divided by the full speed is `moved` [s]."""
+    """Return the time [s] at which the distance travelled, divided by the speed after the ramp, is `moved` [s]."""
     return moved + ramp / 2 if moved >= ramp / 2 else sqrt(2 * ramp * moved)
 
 

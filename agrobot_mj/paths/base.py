@@ -1,6 +1,6 @@
 """Interface of the reference paths: desired position and velocity of the CG as functions of time.
 
-A path is data (a frozen spec) with the method `at(t)`. To add a kind, write a file with a class derived from
+A path is data (a frozen spec) with the method `at(t)`. To add a path kind, write a file with a class derived from
 `ReferencePath`, or from `Timed` (`profile.py`) for a speed computed from limits. Add its name to the union `Path` in
 `paths/__init__.py`.
 
@@ -8,8 +8,8 @@ Requirements:
 
 - `at(t)` returns a reference state for every finite `t`. Before 0 the reference rests at the start; after `duration_s`
 it continues on the next lap or straight ahead. `at` runs in every tick and must take microseconds.
-- Position is continuous, and velocity is its derivative along the heading (negative in reverse).
-- The heading is continuous; its rate is speed times curvature. The curvature may have steps if the kind documents them.
+- The position is continuous, and the velocity is its derivative along the heading (negative in reverse).
+- The heading is continuous; its rate is speed times curvature. The curvature may have steps if the path documents them.
 """
 
 from math import ceil, cos, isfinite, radians, sin
@@ -29,18 +29,18 @@ MAX_SAMPLES = 1000  # Maximum number of samples of an outline [-], which are com
 
 
 class PathOutline(NamedTuple):
-    """Samples of a path in order of time, each array of shape (n,). A curvature step is two samples at the same
-    point."""
+    """Samples of a path in order of time; each array has shape (n,). Two samples at the same point represent a step of
+    the curvature."""
 
     t: Array  # Time of each sample [s]
     x: Array  # East coordinate of each sample [m]
     y: Array  # North coordinate of each sample [m]
-    curvature: Array  # Curvature at each sample [1/m], positive left
+    curvature: Array  # Curvature at each sample [1/m], positive to the left
     speed: Array  # Absolute speed at each sample [m/s]
 
 
 def reference_at(path: "ReferencePath", t: float) -> Reference:
-    """Return the reference state of a path at time `t` [s]. Raise an error if it is not a finite `Reference`."""
+    """Return the reference state of a path at time `t` [s]. Raise an error if the state is not a finite `Reference`."""
     kind = getattr(path, "kind", "")
     found = check_type(path.at(t), Reference, "the path", kind, "at")
     try:
@@ -80,15 +80,15 @@ class ReferencePath(Spec):
     radius_key: ClassVar[str] = ""
     """Name of the key that sets the bend radius, or an empty string if no single key sets it."""
     speed_m_s: Speed = 1.2
-    """Maximum speed of the reference [m/s]. Assumed value (1-1.5), which fits the paper's 120 s per lap."""
+    """Maximum speed of the reference [m/s]. Assumed value (range 1-1.5), which gives the paper's 120 s per lap."""
 
     start_offset_m: Annotated[float, Field(ge=-20, le=20)] = 0.0
-    """Initial lateral offset of the tractor from the path [m], positive left; the reference remains on the path."""
+    """Initial lateral offset of the tractor [m], positive to the left of the path; the reference stays on the path."""
     start_heading_deg: Annotated[float, Field(ge=-180, le=180)] = 0.0
-    """Initial heading of the tractor relative to the path [deg], positive left."""
+    """Initial heading of the tractor relative to the path [deg], positive to the left."""
 
     def check(self) -> None:
-        """Read the files of the path. Raise a ValueError that names the invalid key if they do not define a path."""
+        """Read the files of the path. Raise a ValueError that names the invalid key if the files define no path."""
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -102,7 +102,7 @@ class ReferencePath(Spec):
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
-        """Start and end of each lap [s], for metrics per lap. Default: one lap, the complete path."""
+        """Start and end of each lap [s], for metrics per lap. Default: the complete path as one lap."""
         return ((0.0, self.duration_s),)
 
     @property
@@ -120,7 +120,7 @@ class ReferencePath(Spec):
         raise NotImplementedError
 
     def outline(self) -> PathOutline:
-        """Return samples of the first lap, one per tick but at most MAX_SAMPLES."""
+        """Return samples of the first lap: one per tick, but at most MAX_SAMPLES."""
         end = self.turns_s[0][1]
         times = np.linspace(0.0, end, min(max(ceil(end / TICK_S), 1), MAX_SAMPLES) + 1)
         found = np.array([_planned(self, t) for t in times.tolist()])

@@ -1,8 +1,8 @@
-"""Circle at constant speed after a ramp, starting at the origin with heading east.
+"""Circle at constant speed after a ramp, starting at the origin with an eastward heading.
 
 The centre is at (0, radius) for left turns and at (0, -radius) for right turns. The reference continues on the circle
 after the last lap. With transition = "clothoid", a clothoid of increasing curvature leads to the origin, where the
-first lap starts. Without the clothoid, the wheels are turned at standstill.
+first lap starts. Without the clothoid, the wheels must be turned at standstill.
 """
 
 from functools import lru_cache
@@ -33,7 +33,7 @@ class Circle(Transitions, ReferencePath):
     turns: Annotated[int, Field(ge=1, le=1000)] = 2
     """Number of laps [-]."""
     direction: Literal["left", "right"] = "left"
-    """Direction of travel; left is counter-clockwise seen from above."""
+    """Direction of travel around the circle; `left` is counter-clockwise seen from above."""
 
     @property
     def turn_s(self) -> float:

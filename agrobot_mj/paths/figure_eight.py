@@ -56,20 +56,20 @@ def _pieces(radius: float, straight: float, sharpness: float) -> tuple[tuple[_Pi
 
 
 class FigureEight(Transitions, ReferencePath):
-    """Path of complete laps of a figure-eight. With the defaults, one lap takes 119.7 s."""
+    """Path of complete laps of a figure-eight. With the default values, one lap takes 119.7 s."""
 
     radius_key: ClassVar = "radius_m"
 
     kind: Literal["figure_eight"] = "figure_eight"
     radius_m: Positive = 10.0
-    """Radius of the arcs [m]. Assumed value (8-10), which fits the paper's 120 s per lap."""
+    """Radius of the arcs [m]. Assumed value (range 8-10), which fits the paper's 120 s per lap."""
     straight_m: Positive = 28.0
-    """Length of each straight without clothoids [m]. Assumed value; one lap takes 119.7 s with the other defaults."""
+    """Length of each straight, excluding clothoids [m]. Assumed value, for which the default lap takes 119.7 s."""
     ramp_s: Ramp = RAMP_S
-    """Duration of the acceleration from rest [s], or 0 for no ramp. Assumed value (2-6), typical of drivers."""
+    """Duration of the acceleration from rest [s], or 0 for no ramp. Assumed value (range 2-6) for typical drivers."""
     run_in_m: NonNegative = 14.0
-    """Distance travelled before the first lap [m], at most half a straight. Assumed value, sufficient to reach full
-    speed."""
+    """Distance travelled before the first lap [m], at most half a straight. Assumed value, which is sufficient to reach
+    full speed."""
     turns: Annotated[int, Field(ge=1, le=1000)] = 2
     """Number of laps [-]. Paper."""
 
@@ -79,7 +79,7 @@ class FigureEight(Transitions, ReferencePath):
         return self
 
     def check(self) -> None:
-        """Raise ValueError if the run-in is longer than half a straight, or the radius too small for the clothoids."""
+        """Raise ValueError if the run-in exceeds half a straight, or if the radius is too small for the clothoids."""
         if self.run_in_m > self.straight_m / 2:
             raise ValueError(f"run_in_m: must be at most half of straight_m, {self.straight_m / 2:g}")
         if (least := 1 / sqrt(pi * self.sharpness(self.speed_m_s))) > self.radius_m:

@@ -12,7 +12,7 @@ Content = TypeVar("Content")
 
 
 class FromFile(Timed):
-    """Base class of paths along lines read from a file; subclasses define `file`, `max_bytes` and `course`."""
+    """Base class of the paths along lines read from a file; subclasses define `file`, `max_bytes` and `course`."""
 
     reads_file: ClassVar[bool] = True
     """Whether the path reads a file, which is always true."""
@@ -24,12 +24,12 @@ class FromFile(Timed):
         file: str
 
     _stamp: Stamp | None = PrivateAttr(default=None)
-    """Stamp of the file version from which the course was built."""
+    """Stamp (path, times of change and size) of the file from which the course was built."""
 
     def model_post_init(self, context: Any, /) -> None:
-        """Record the stamp of the file without reading the file.
+        """Record the path, size and times of change of the file, without reading its content.
 
-        Two paths with equal keys differ if the content of their files differs.
+        Two paths with identical scenario keys therefore compare unequal if the file has changed in between.
         """
         self._stamp = stamp(self.file)
 

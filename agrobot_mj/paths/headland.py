@@ -4,11 +4,11 @@
 - `omega`: a bulb of three bends of equal radius: away from the next pass, around towards it, and into the pass.
 - `k`: three bends of equal radius: forward through the first part of the turn, in reverse with the wheels turned to the
 other side, and forward into the next pass. The middle bend has a cusp at both ends. The turn is as long as a half turn
-and needs a headland as wide as one radius.
+and needs a headland that is one radius wide.
 
 Each turn is symmetric about the line halfway between the passes and is defined by one angle. An omega turns outwards
-through the flare f, back through pi + 2 f, and outwards through f. A k turns forward through a, in reverse through
-pi - 2 a, and forward through a. With arcs of radius r and no clothoids, the distance between the passes is
+through the flare f, back through pi + 2 f, and outwards through f. A k turns forward through a, in reverse through pi -
+2 a, and forward through a. With arcs of radius r and no clothoids, the distance between the passes is
 
   omega: 2 r (2 cos f - 1),        k: 2 r (1 - 2 cos a).
 
@@ -24,7 +24,7 @@ from agrobot_mj.paths.track import Piece
 from agrobot_mj.paths.transition import Bend, bend
 
 ROUNDING = 1e-9
-"""Relative tolerance for comparing distances between passes [-], because of rounding errors."""
+"""Relative tolerance for rounding errors in comparisons of distances between passes [-]."""
 ORIGIN = Pose(0.0, 0.0, 0.0)
 
 

@@ -1,4 +1,4 @@
-"""Straight line at constant speed after a ramp; the reference continues straight beyond both ends."""
+"""Straight line at constant speed after a ramp; the reference continues straight beyond both ends of the line."""
 
 from math import radians
 from typing import Literal
@@ -18,7 +18,7 @@ class Line(ReferencePath):
     ramp_s: Ramp = RAMP_S
     """Duration of the acceleration from rest [s], or 0 for no ramp. Assumed value, as for `figure_eight`."""
     length_m: Positive = 144.0
-    """Length of the line [m]. Assumed value, as long as one lap of the default figure-eight."""
+    """Length of the line [m]. Assumed value, equal to the length of one lap of the default figure-eight."""
     heading_deg: float = 0.0
     """Direction of travel [deg], counter-clockwise from east."""
     start_x_m: float = 0.0
@@ -28,7 +28,7 @@ class Line(ReferencePath):
 
     @property
     def duration_s(self) -> float:
-        """Duration of the travel from the start to the end of the line [s]."""
+        """Travel time from the start to the end of the line [s]."""
         return self.ramp_s / 2 + self.length_m / self.speed_m_s
 
     @property

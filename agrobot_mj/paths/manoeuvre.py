@@ -1,9 +1,9 @@
-"""Manoeuvre: a sequence of straights, arcs and clothoids, forward or in reverse.
+"""Manoeuvre: a sequence of straights, arcs and clothoids, travelled forward or in reverse.
 
 Each segment (`[[path.piece]]`) starts at the end of the previous segment with the same heading. With `reverse = true`
-the tractor stops, waits for `cusp_pause_s`, and travels along the segment in reverse. `side` is the direction of the
-turned wheels: in reverse on an arc to the left, the heading rotates to the right. The curvature may have steps between
-segments; a clothoid from 0 to the curvature of an arc avoids a step.
+the tractor stops, waits for `cusp_pause_s`, and travels along the segment in reverse. `side` is the direction in which
+the wheels are turned: in reverse on an arc to the left, the heading rotates to the right. The curvature may have steps
+between segments; a clothoid from 0 to the curvature of an arc avoids a step.
 
 In the default manoeuvre the tractor passes a row and reverses into it.
 """
@@ -63,7 +63,7 @@ class ArcPiece(CoursePiece):
     angle_deg: Annotated[float, Field(gt=0, le=3600)]
     """Change of heading along the arc [deg]."""
     side: Literal["left", "right"] = "left"
-    """Direction of the turned wheels, which is the side of the arc's centre."""
+    """Direction in which the wheels are turned, which is the side of the arc's centre."""
 
     def shape(self) -> tuple[float, float, float]:
         """Return the length and curvature of the arc, and zero change of curvature."""
@@ -78,9 +78,9 @@ class ClothoidPiece(CoursePiece):
     length_m: Positive
     """Length of the clothoid [m]."""
     from_per_m: Curvature = 0.0
-    """Curvature at the start of the clothoid [1/m], positive left."""
+    """Curvature at the start of the clothoid [1/m], positive to the left."""
     to_per_m: Curvature
-    """Curvature at the end of the clothoid [1/m], positive left."""
+    """Curvature at the end of the clothoid [1/m], positive to the left."""
 
     def shape(self) -> tuple[float, float, float]:
         """Return the length, initial curvature and change of curvature per metre of the clothoid."""
@@ -96,7 +96,7 @@ INTO_A_ROW = (
     StraightPiece(length_m=2.0),
     StraightPiece(length_m=22.0, reverse=True),
 )
-"""Segments of the default manoeuvre: a forward left bend, then straight reversing into the row behind the tractor."""
+"""Segments of the default manoeuvre: forward in a left bend, then straight in reverse into a row."""
 
 
 class Manoeuvre(Timed):
@@ -104,11 +104,12 @@ class Manoeuvre(Timed):
 
     kind: Literal["manoeuvre"] = "manoeuvre"
     speed_m_s: Speed = 0.8
-    """Maximum speed of the reference [m/s]. Assumed value (0.3-1), typical of drivers in narrow spaces."""
+    """Maximum speed of the reference [m/s]. Assumed value (range 0.3-1) for typical drivers in narrow spaces."""
     piece: Annotated[tuple[ManoeuvrePiece, ...], Field(min_length=1, max_length=1000)] = INTO_A_ROW
-    """Segments in the order of travel, one `[[path.piece]]` table each."""
+    """Segments in the order of travel, each given by a `[[path.piece]]` table."""
     cusp_pause_s: NonNegative = 2.0
-    """Duration of the standstill at each cusp [s]. Assumed value (1-4), the time to change gear and turn the wheels."""
+    """Duration of the standstill at each cusp [s]. Assumed value (range 1-4) for changing gear and turning the
+    wheels."""
     heading_deg: float = 0.0
     """Initial heading [deg], counter-clockwise from east."""
     start_x_m: Coordinate = 0.0

@@ -1,9 +1,9 @@
 """Speed profile of a course: the maximum speed within all limits after a start from rest, and the reference state.
 
-The limits are `speed_m_s` of the path, the speed of each segment, the lateral acceleration v^2 kappa and the
+The limits are `speed_m_s` of the path, the maximum speed of each segment, the lateral acceleration v^2 kappa and the
 acceleration along the path. The speed is zero at cusps. Between two joints the squared speed is linear in the distance,
-so that the position is the exact integral of the velocity. The reference rests at the start before time 0. It continues
-straight at its last speed after the end.
+so that the position is the exact integral of the velocity. The reference rests at the start before time 0. After the
+end, it continues straight at its last speed.
 """
 
 from bisect import bisect_right
@@ -23,7 +23,7 @@ Acceleration = Annotated[float, Field(ge=0.01, le=10)]
 
 
 def fastest(lengths: Array, limits: Array, acceleration: float, stops: Mask | None = None) -> Array:
-    """Return the maximum speeds at the n + 1 joints of n segments of `lengths` [m], starting from rest, (n + 1,) [m/s].
+    """Return the maximum speeds [m/s] at the n + 1 joints of n segments of `lengths` [m], after a start from rest.
 
     `limits` [m/s], shape (n,), apply to whole segments. `acceleration` [m/s2] limits acceleration and deceleration. The
     speed is zero at the inner joints marked in `stops`, shape (n - 1,).
@@ -41,7 +41,7 @@ def fastest(lengths: Array, limits: Array, acceleration: float, stops: Mask | No
 
 
 class TimedCourse:
-    """Course with the times at which the reference passes its joints."""
+    """Course with the times at which the reference passes the joints of its segments."""
 
     def __init__(self, course: Course, speed: float, lateral: float, acceleration: float) -> None:
         course = course.divided()
@@ -75,7 +75,7 @@ class TimedCourse:
 
     @cached_property
     def sharpest(self) -> Place:
-        """Point of maximum curvature of the course."""
+        """First point of maximum curvature of the course."""
         return self.course.sharpest()
 
     def time_at(self, distance: float) -> float:
@@ -114,13 +114,13 @@ class Timed(ReferencePath):
     speed_m_s: Speed = 1.2
     """Maximum speed of the reference [m/s]. Assumed value, as for the paper's figure-eight."""
     acceleration_m_s2: Acceleration = 0.3
-    """Maximum acceleration and deceleration [m/s2]. Assumed value (0.2-0.5), typical of drivers."""
+    """Maximum acceleration and deceleration [m/s2]. Assumed value (range 0.2-0.5) for typical drivers."""
     lateral_acceleration_m_s2: Acceleration = 0.5
-    """Maximum lateral acceleration [m/s2], which limits the speed in bends. Assumed value (0.3-1) for comfort."""
+    """Maximum lateral acceleration [m/s2], which limits the speed in bends. Assumed value (range 0.3-1) for comfort."""
 
     ends = True
     reads_file: ClassVar[bool] = False
-    """Whether the course is read from a file. `check` instead of the constructor builds the course of a file."""
+    """Whether the course is read from a file. If so, `check` builds the course in place of the constructor."""
 
     @model_validator(mode="after")
     def _has_a_course(self) -> Self:
@@ -138,7 +138,7 @@ class Timed(ReferencePath):
 
     @property
     def motion(self) -> TimedCourse:
-        """Course with the times of its joints (cached)."""
+        """Course with the times at which the reference passes its joints (cached)."""
         return _motion(self)
 
     @property
@@ -153,7 +153,7 @@ class Timed(ReferencePath):
 
     @property
     def sharpest(self) -> Place:
-        """Point of maximum curvature."""
+        """First point of maximum curvature."""
         return self.motion.sharpest
 
     def outline(self) -> PathOutline:

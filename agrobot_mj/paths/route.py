@@ -1,8 +1,8 @@
 """Nearest point of a path and the path ahead of it, for guidance laws and metrics.
 
 A path is a function of time. `SampledRoute` samples the path every STEP_M along its length, as far as queries require.
-The nearest point is searched in a window around a given arc length, usually the previous result. The search thus never
-switches to another branch of a crossing or to an adjacent swath. Between samples the path is approximated by its
+The nearest point is searched for in a window around a given arc length, usually the previous result. The search thus
+never switches to another branch of a crossing or to an adjacent swath. Between samples the path is approximated by its
 osculating circle, which is exact on lines and arcs. Cusps divide a path into legs; a query is restricted to the leg of
 the reference at the time of the query. Later sampling does not change the result of a query.
 """
@@ -39,8 +39,8 @@ BEYOND_S = 3600.0  # Time after the end of the path up to which samples are adde
 
 LAP_GRID_M, MIN_LAP_M = 0.05, 10.0  # Grid spacing for comparing headings, and minimum lap length [m]
 MAX_DIFFERENCE = 0.01
-"""Maximum difference between the headings of two laps, which is 1 minus the mean cosine, divided by the maximum over
-all lap lengths [-]. Assumed value: excludes the exit from the field after the last pass."""
+"""Maximum heading difference of two laps (1 minus the mean cosine), divided by its maximum over all lap lengths [-].
+Assumed value, which excludes the exit from the field after the last pass."""
 MIN_TURN = 0.8  # Minimum heading change of a path with laps [rad]. Assumed value (45 deg).
 
 _search, _nearest, _ahead, _curvatures = (
@@ -66,21 +66,21 @@ class SampledRoute:
         return reference_at(self.path, t)
 
     def leg(self, t: float) -> tuple[float, float]:
-        """Return the start and end [m] of the leg, between two cusps, on which the reference travels at time `t`
-        [s]."""
+        """Return the arc lengths [m] at the start and end of the leg, between two cusps, on which the reference travels
+        at time `t` [s]."""
         if self._until < t + CHUNK_S:
             self._grow(until=t + CHUNK_S)
         k = max(bisect_right(self._leg_times, t) - 1, 0)
         return self._leg_starts[k], self._leg_starts[k + 1] if k + 1 < len(self._leg_starts) else inf
 
     def nearest(self, x: float, y: float, near: float, t: float) -> PathPoint:
-        """Return the path point nearest to (x, y) [m], searched around arc length `near` [m] on the leg travelled at
-        `t` [s]."""
+        """Return the path point nearest to (x, y) [m]. The search is around the arc length `near` [m] on the leg
+        travelled at `t` [s]."""
         low, high = self.leg(t)
         return _nearest(self.around(max(near, low)), x, y, near, low, high)
 
     def around(self, near: float) -> Matrix:
-        """Sample the path as far as the search window around the arc length `near` [m] and return all samples."""
+        """Sample the path to the end of the search window around the arc length `near` [m] and return all samples."""
         if self._end < near + WINDOW_M:
             self._grow(beyond=near + WINDOW_M)
         return self._samples
@@ -100,7 +100,7 @@ class SampledRoute:
         return self._end < s + STEP_M and self._grow(beyond=s + STEP_M)
 
     def search(self, x: float, y: float, near: float, t: float) -> tuple[int, bool]:
-        """Return the index of the sample nearest to (x, y) [m] and whether it is inside the search range."""
+        """Return the index of the sample nearest to (x, y) [m], and whether the sample is inside the search range."""
         low, high = self.leg(t)
         near = min(max(near, low), high)
         self._grow(beyond=near + WINDOW_M)
@@ -117,8 +117,8 @@ class SampledRoute:
         return float(self.distances[k])
 
     def lap(self) -> float:
-        """Return the lap length [m], after which the path heading repeats, or the path length if the heading does not
-        repeat."""
+        """Return the distance [m] after which the path heading repeats (the lap length), or else the length of the
+        path."""
         if self._lap is None:
             self._grow(until=self.path.duration_s)
             known = self._samples[: max(self.number_at(self.path.duration_s) + 1, 2)]
@@ -140,8 +140,8 @@ class SampledRoute:
         return _ahead(self._samples, s)
 
     def curvatures(self, distances: Sequence[float] | Vector) -> Vector:
-        """Return the curvatures [1/m] at the arc lengths `distances` [m], positive left, shape (n,). Negative distances
-        give 0."""
+        """Return the curvatures [1/m] at the arc lengths `distances` [m], positive to the left, shape (n,); 0 at
+        negative distances."""
         distances = np.asarray(distances, dtype=float)
         found, most = _curvatures(self._samples, distances)
         if self.grows(most):
@@ -195,10 +195,10 @@ class SampledRoute:
 
 
 def lap_length(s: Array, yaw: Array) -> float:
-    """Return the minimum distance [m] after which the headings `yaw` [rad] at arc lengths `s` [m], shape (n,), repeat.
+    """Return the minimum distance [m] after which the headings of a path repeat.
 
-    Return the last arc length if the headings do not repeat within two thirds of the path, or if the path has no bends.
-    Laps may be offset sideways: two passes of a field and their turns are one lap.
+    `yaw` [rad] are the headings at arc lengths `s` [m], shape (n,). Without bends, or if the headings do not repeat
+    within two thirds of the path, the result is the last arc length. Two passes of a field and their turns are one lap.
     """
     length = float(s[-1])
     count = int(length / LAP_GRID_M)

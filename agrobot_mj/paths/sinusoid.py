@@ -17,15 +17,15 @@ from agrobot_mj.paths.track import Course, placed, samples
 
 
 class Sinusoid(Timed):
-    """Sinusoidal path with an integer number of waves."""
+    """Sinusoidal path with a whole number of waves."""
 
     kind: Literal["sinusoid"] = "sinusoid"
     amplitude_m: Annotated[float, Field(ge=-HUGE, le=HUGE)] = 2.0
-    """Amplitude [m], positive if the first crest is left of the axis. Assumed value: minimum bend radius of 11.4 m."""
+    """Amplitude [m], positive if the first crest is on the left. Assumed value; the minimum bend radius is 11.4 m."""
     wavelength_m: Positive = 30.0
-    """Wavelength along the axis [m]. Assumed value: minimum bend radius of 11.4 m with the default amplitude."""
+    """Wavelength along the axis [m]. Assumed value; the minimum bend radius is 11.4 m with the default amplitude."""
     count: Annotated[int, Field(ge=1, le=1000)] = 4
-    """Number of waves [-]. Assumed value: total length of 120 m."""
+    """Number of waves [-]. Assumed value, which gives a total length of 120 m."""
     heading_deg: float = 0.0
     """Direction of the axis [deg], counter-clockwise from east."""
     start_x_m: Coordinate = 0.0
@@ -34,7 +34,7 @@ class Sinusoid(Timed):
     """North coordinate of the start [m]."""
 
     def course(self) -> Course:
-        """Return the course through all waves."""
+        """Return the course along all waves."""
         A, k, end = self.amplitude_m, 2 * pi / self.wavelength_m, self.wavelength_m * self.count
         x = np.linspace(0.0, end, max(samples(end + 4 * abs(A) * self.count), 64 * self.count + 1))
         start = self.start_x_m, self.start_y_m, radians(self.heading_deg)

@@ -18,9 +18,9 @@ class Swaths(Parallel):
     heading_deg: float = 0.0
     """Direction of the first pass [deg], counter-clockwise from east."""
     first_turn: Literal["left", "right"] = "left"
-    """Side of the first pass on which the other passes lie, seen in its direction of travel."""
+    """Side of the first pass on which the other passes lie, as seen in its direction of travel."""
 
     @property
     def orientation(self) -> tuple[float, float]:
-        """Direction of the first pass [rad], and the side on which the other passes lie: 1 left, -1 right."""
+        """Direction of the first pass [rad], and the side on which the other passes lie: 1 for left, -1 for right."""
         return radians(self.heading_deg), 1.0 if self.first_turn == "left" else -1.0

@@ -2,8 +2,8 @@
 
 A segment is a straight, an arc or a clothoid: its curvature is constant or changes linearly. Other curves are
 approximated by chains of short arcs with the heading of the curve at each joint. A change of the direction of travel is
-a cusp: the course stops, and its heading is continuous. Lengths [m] are travelled distances, also positive in reverse.
-Curvature [1/m] is positive left. Yaw [rad] is the heading of the tractor, counter-clockwise from east, not wrapped.
+a cusp, where the tractor stops and keeps its heading. Lengths [m] are travelled distances, also positive in reverse.
+Curvature [1/m] is positive to the left. Yaw [rad] is the tractor's heading, counter-clockwise from east, not wrapped.
 """
 
 from collections.abc import Iterable
@@ -21,7 +21,7 @@ PARTS_TO_A_STOP = 8  # Minimum number of parts of a segment next to a cusp [-], 
 CURVE_STEP_M = 0.1  # Spacing of the arcs that approximate a curve [m]
 MAX_LENGTH_M = 50e3  # Maximum length of a course [m]
 QUADRATURE = np.polynomial.legendre.leggauss(32)
-"""Nodes and weights of a Gauss-Legendre rule, exact to rounding for clothoids of up to 10 rad heading change."""
+"""Nodes and weights of a Gauss-Legendre rule, exact to rounding for clothoids with a heading change of up to 10 rad."""
 
 
 Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
@@ -66,7 +66,7 @@ class Course(NamedTuple):
 
     @property
     def cusps(self) -> Mask:
-        """Whether the course stops at each joint between two segments, shape (segments - 1,)."""
+        """Whether the tractor stops at each joint between two segments, shape (segments - 1,)."""
         turned: Mask = np.diff(self.directions) != 0
         pauses: Mask = self.lengths == 0
         found: Mask = turned | pauses[:-1] | pauses[1:]
@@ -90,8 +90,8 @@ class Course(NamedTuple):
         return x, y, yaw
 
     def _clothoids(self, which: Index) -> tuple[Array, Array]:
-        """Return the chord lengths [m] of the segments `which`, and the chord directions relative to the initial
-        headings [rad]."""
+        """Return the chord lengths [m] of the segments with indices `which`, and the chord directions relative to the
+        initial headings [rad]."""
         nodes, weights = QUADRATURE
         length, k, c, d = (
             values[which, None] for values in (self.lengths, self.curvatures, self.sharpnesses, self.directions)
@@ -149,15 +149,15 @@ def _with_pauses(pieces: list[Piece], pause: float) -> Iterable[Piece]:
 
 
 def checked_length(length: float) -> float:
-    """Return `length` [m] unchanged. Raise ValueError if it exceeds MAX_LENGTH_M."""
+    """Return `length` [m] unchanged. Raise ValueError if the length exceeds MAX_LENGTH_M."""
     if length > MAX_LENGTH_M:
         raise ValueError(f"the path is {length / 1000:.4g} km long, more than {MAX_LENGTH_M / 1000:g} km; shorten it")
     return length
 
 
 def samples(length: float) -> int:
-    """Return the number of points for the approximation of a curve of `length` [m]. Raise ValueError if it is too
-    long."""
+    """Return the number of points for the approximation of a curve of `length` [m]. Raise ValueError if the curve is
+    too long."""
     return int(checked_length(length) / max(CURVE_STEP_M, length / 100_000)) + 2
 
 
@@ -179,7 +179,7 @@ def through(x: Array, y: Array, yaw: Array, speeds: Array | float = inf) -> Cour
 
 
 def placed(start: tuple[float, float, float], x: Array, y: Array, slope: Array) -> Course:
-    """Return the course along the curve y(x) with the slope dy/dx, each of shape (n,).
+    """Return the course along the curve y(x), given by the arrays `x`, `y` and `slope` (dy/dx) of shape (n,).
 
     `start` is the pose (x [m], y [m], yaw [rad]) of the curve's coordinate frame.
     """

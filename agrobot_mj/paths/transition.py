@@ -22,19 +22,20 @@ SteerRate = Annotated[float, Field(ge=1, le=90)]
 
 
 class Transitions(Spec):
-    """Keys of the clothoids at both ends of a bend."""
+    """Keys that define the clothoids at both ends of a bend."""
 
     sized: ClassVar = {"wheelbase_m": {"length": 1}}
 
     transition: Literal["none", "clothoid"] = "none"
-    """Transition at both ends of a bend: step of the curvature (`none`) or clothoid."""
+    """Transition at both ends of a bend: a step of the curvature (`none`) or a clothoid."""
     steer_rate_deg_s: SteerRate = 15.0
-    """Maximum steering rate on clothoids [deg/s]. Assumed value (10-20), 60 % of the maximum rate of the valve."""
+    """Maximum steering rate on clothoids [deg/s]. Assumed value (range 10-20), which is 60 % of the valve's maximum
+    rate."""
     wheelbase_m: Positive = 1.40
-    """Wheelbase for converting `steer_rate_deg_s` to a change of curvature [m]. Default: wheelbase of the tractor."""
+    """Wheelbase for converting `steer_rate_deg_s` to a change of curvature [m]. Default: the tractor's wheelbase."""
 
     def sharpness(self, speed: float) -> float:
-        """Return the change of curvature per metre of a clothoid at `speed` [m/s], in [1/m2]; infinity without
+        """Return the change of curvature per metre [1/m2] of a clothoid at `speed` [m/s], or infinity without
         transitions."""
         if self.transition == "none":
             return inf
@@ -66,7 +67,7 @@ class Bend(NamedTuple):
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Centre of the arc, ahead of the start of the bend and towards the inside of the bend [m]."""
+        """Centre of the arc: distances ahead of the start of the bend and towards the inside of the bend [m]."""
         x, y, turned = spiral(self.clothoid, self.curvature)
         return x - sin(turned) * self.radius, y + cos(turned) * self.radius
 
@@ -91,8 +92,8 @@ class Bend(NamedTuple):
 
 
 def bend(angle: float, radius: float, sharpness: float) -> Bend:
-    """Return a bend through `angle` [rad] with an arc of `radius` [m]; the radius is larger if the angle is too
-    small."""
+    """Return a bend through `angle` [rad] with an arc of `radius` [m]; the radius is increased if the clothoids would
+    exceed the angle."""
     if isinf(sharpness):
         return Bend(angle, radius, sharpness, radius * angle)
     radius = max(radius, 1 / sqrt(angle * sharpness))

@@ -8,16 +8,16 @@ cuts corners with a large angle, and follows a series of small-angle corners as 
 `smoothing_m` from the waypoints; with 0 it passes through all waypoints. Its curvature is continuous, but it oscillates
 about a straight row next to a corner.
 
-An open path runs from the first to the last waypoint. A closed path returns to the first waypoint (a repeated first row
-at the end is optional), runs for `laps` laps, and continues straight. With fillets a lap starts on the first leg, after
-the corner at the first waypoint. A third column limits the speed in addition to `speed_m_s`; the limit is interpolated
-linearly between waypoints. Repeated points and the scatter at standstill are omitted. A recorded track with noise that
-the tractor cannot follow becomes a spline. A curvature that the tractor cannot follow is an error that names the
-location.
+An open path runs from the first to the last waypoint. A closed path returns to the first waypoint (which may be
+repeated as the last row of the file), runs for `laps` laps, and continues straight. With fillets a lap starts on the
+first leg, after the corner at the first waypoint. A speed column limits the speed in addition to `speed_m_s`; the limit
+is interpolated linearly between waypoints. Repeated points and the scatter at standstill are omitted. A recorded track
+with noise that the tractor cannot follow becomes a spline. A curvature that the tractor cannot follow is an error that
+names the location.
 
 Waypoints are read from CSV, KML, GeoJSON or GPX, from a file of an AgOpenGPS field, or from a shapefile. The longest
-line of the file is the track. A file without lines gives its longest ring, or its points in the order of the file.
-Every error is a ValueError that names the file, the table row and the fix.
+line of the file is the track. If the file has no lines, its longest ring is used, or else its points in the order of
+the file. Every error is a ValueError that names the file, the table row and the fix.
 """
 
 import warnings
@@ -54,7 +54,7 @@ class Track(NamedTuple):
 
 @lru_cache(maxsize=8)
 def track(stamp: Stamp, crs: str, closed: bool) -> Track:
-    """Return the waypoints of a file in metres, at least three. Raise ValueError if the file is invalid."""
+    """Return at least three waypoints of a file, in metres. Raise ValueError if the file is invalid."""
     file = Path(stamp[0])
     read = read_shapes(stamp[0], MAX_BYTES)
     try:
@@ -97,11 +97,11 @@ def _checked(shape: Polyline, closed: bool) -> tuple[Array, list[str]]:
     return points, notes
 
 
-CREEP_M_S = 0.1  # Limit of the speed at a standstill of a recorded track [m/s]. Assumed value (0.05-0.3).
+CREEP_M_S = 0.1  # Limit of the speed at a standstill of a recorded track [m/s]. Assumed value (range 0.05-0.3).
 
 
 def _speeds(speeds: Array, points: Array, rows: Array) -> tuple[Array, list[str]]:
-    """Return the speed limits for a column of speeds [m/s], and notes about changes. Raise ValueError for an invalid
+    """Return the speed limits from a column of speeds [m/s], and notes about changes. Raise ValueError for an invalid
     speed."""
     still = (speeds >= 0) & (speeds < SLOWEST_M_S) & (len(points) >= FEWEST_POINTS)
     if (wrong := np.flatnonzero((speeds < SLOWEST_M_S) & ~still)).size:
@@ -118,9 +118,9 @@ def _speeds(speeds: Array, points: Array, rows: Array) -> tuple[Array, list[str]
 DENSE_M, FEWEST_POINTS = 1.0, 20
 """Maximum median point distance [m] and minimum number of points [-] of a recorded track."""
 TIGHTEST = 0.4
-"""Minimum bend radius of a recorded track, divided by `corner_radius_m` [-]. Assumed value: near full steering lock."""
+"""Minimum bend radius of a recorded track, divided by `corner_radius_m` [-]. Assumed value, near full steering lock."""
 WIDER, LEAST_M, MOST_M = 1.3, 0.005, 1.0
-"""Search for the smoothing distance: factor between successive distances [-], and their minimum and maximum [m]."""
+"""Factor between successive smoothing distances in the spline search [-], and their minimum and maximum [m]."""
 THIRD_DIFFERENCE = 20.0 * np.log(2.0)
 """Median squared third difference of positions with white noise, divided by the mean squared noise [-]."""
 
@@ -160,8 +160,8 @@ def noise(points: Array) -> float:
 def steerable(points: Array, closed: bool, radius: float) -> tuple[Course, float]:
     """Return the least smoothed spline of a recorded track that the tractor can follow, and its smoothing distance [m].
 
-    The smoothing distance is at least the noise of the track. The tractor can follow bends with a radius of at least
-    TIGHTEST times `radius` [m].
+    The smoothing distance is at least the position noise of the track. The tractor can follow bends with a radius of at
+    least TIGHTEST times `radius` [m].
     """
     amount = max(noise(points), LEAST_M)
     found = smooth(points, amount, closed), amount
@@ -187,13 +187,13 @@ class Waypoints(Transitions, FromFile):
     corners: Literal["fillet", "spline"] = "fillet"
     """Corner type: straight legs with rounded corners (`fillet`), or a smoothing spline (`spline`)."""
     corner_radius_m: Positive = 4.0
-    """Radius of corners with a large angle, smaller if the legs are too short [m]. Default: proportional to the turning
-    circle of the machine. Assumed value (2.5-10); 4 m need a steering angle of 19 deg."""
+    """Radius of corners with a large angle [m], reduced if the legs are too short. Default: proportional to the turning
+    circle of the machine. Assumed value (range 2.5-10); 4 m require a steering angle of 19 deg."""
     smoothing_m: Annotated[float, Field(ge=0, le=1000)] = 0.05
-    """Maximum distance from waypoints [m] at small-angle corners, or root mean square distance of a spline. Assumed
-    value (0-0.5), twice the noise of RTK-GNSS."""
+    """Maximum distance of the path from the waypoints [m]: at corners with a small angle, or as a root mean square for
+    a spline. Assumed value (range 0-0.5), twice the noise of RTK-GNSS."""
     transition: Literal["none", "clothoid"] = "clothoid"
-    """Transition at both ends of a fillet: step of the curvature (`none`) or clothoid."""
+    """Transition at both ends of a fillet: a step of the curvature (`none`) or a clothoid."""
     closed: bool = False
     """Whether the path returns to its first waypoint."""
     laps: Annotated[int, Field(ge=1, le=1000)] = 1
@@ -219,7 +219,7 @@ class Waypoints(Transitions, FromFile):
         return self.laps if self.closed else 1
 
     def course(self) -> Course:
-        """Return the course of all laps. Raise ValueError if the file is invalid."""
+        """Return the course along all laps. Raise ValueError if the file is invalid."""
         points = self.waypoints()
         checked_length(self._laps * float(np.hypot(*np.diff(points[:, :2], axis=0).T).sum()))
         lap = _lap(self)[0]

@@ -1,4 +1,4 @@
-"""Scenarios: schema of the TOML files, overrides by dotted key, and loading."""
+"""Scenarios: schema of the TOML files, overrides by dotted key, and loading of scenario files."""
 
 from agrobot_mj.scenario.loading import load_scenario, scenario_files
 from agrobot_mj.scenario.plugins import load_installed

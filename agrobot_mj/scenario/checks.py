@@ -1,4 +1,4 @@
-"""Checks of the files used by a scenario: the path, the ground, and tables learned in earlier runs."""
+"""Checks of the files used by a scenario: the path, the ground, and the tables learned in earlier runs."""
 
 import re
 from collections.abc import Iterator
@@ -12,13 +12,13 @@ from agrobot_mj.paths.base import start_of
 from agrobot_mj.scenario.tables import LONGEST_S, Tables
 
 MOST_ASIDE_M_S2 = 8.0
-"""Maximum plausible lateral acceleration [m/s2]. Assumed value: friction coefficient 0.8, higher than for tyres."""
+"""Maximum plausible lateral acceleration [m/s2]. Assumed value: a friction coefficient of 0.8, above that of tyres."""
 FAR_M = 2000.0
-"""Distance from the ground above which a path is probably in map coordinates [m]. Assumed value: a large field."""
+"""Distance from the ground above which a path is probably in map coordinates [m]. Assumed value, above field size."""
 
 
 def check_files(scenario: Tables, source: str, ground: bool = True) -> None:
-    """Build the path and the ground from their files, and check their compatibility with each other and the tractor.
+    """Build the path and the ground from their files, and check that they suit each other and the tractor.
 
     Without `ground` only the path is checked. Raises `ScenarioError` with all errors; `source` names the scenario.
     """
@@ -33,7 +33,7 @@ def check_files(scenario: Tables, source: str, ground: bool = True) -> None:
 
 
 def prefixed(table: str, text: str) -> str:
-    """Prefix an error message with the key `table`. A key at the start of the message is joined with a dot."""
+    """Prefix an error message with the key `table`. If the message starts with a key, a dot joins the two keys."""
     return f"{table}.{text}" if re.match(r"[a-z0-9_.\[\]]+: ", text) else f"{table}: {text}"
 
 

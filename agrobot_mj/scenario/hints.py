@@ -1,12 +1,12 @@
 """Hints about keys of a valid scenario that have no effect or probably not the intended effect.
 
-Hints do not end a run. Hints about the path concern tight bends, fast changes of curvature, and a path that leaves the
-ground.
+A hint does not end the run. Hints about the path concern tight bends, fast changes of curvature, and a path that
+extends beyond the height grid of the ground.
 
-At a step dk of the curvature, the wheels need the time T = d(delta) / rate, in which the tractor travels v T. The
-lateral offset after the step is at least dk (v T)^2 / 24. The law reaches this minimum if it starts to steer at half of
-the distance v T before the step. For a gradual change, T is the time that the wheels need in addition to the duration
-of the change.
+For a step dk of the curvature, the wheels need the time T = d(delta) / rate, in which the tractor travels v T. The
+lateral offset after the step is at least dk (v T)^2 / 24. The guidance law reaches this minimum if it starts to steer
+at half of the distance v T before the step. For a gradual change, T is the time that the wheels need in addition to the
+duration of the change.
 """
 
 from collections.abc import Iterator
@@ -27,11 +27,11 @@ from agrobot_mj.scenario.overrides import explicit_values, flat
 from agrobot_mj.scenario.schema import Scenario, on_machine
 
 OTHER_LAP = 0.02
-"""Maximum relative difference between lap lengths of learned map and path [-]. Assumed value: points every 0.25 m."""
+"""Maximum relative difference of lap length between learned table and path [-]. Assumed value: points every 0.25 m."""
 
 
 def hints(scenario: Scenario) -> list[str]:
-    """Return one line for each key that has no effect, or is unsuitable for the machine size or the path."""
+    """Return a line of text for each key that has no effect, or that does not suit the machine size or the path."""
     own = (_faults, _late, _overruled, _machine, _learned, path_hints)
     return [line for part in own for line in part(scenario)]
 
@@ -85,11 +85,11 @@ def _learned(scenario: Scenario) -> Iterator[str]:
 
 
 LEAVES_M = 0.15
-"""Lateral offset after a change of curvature above which a hint is given [m]. Assumed value: the offset of laws without
-preview is about twice the minimum."""
+"""Minimum lateral offset after a change of curvature for which a hint is given [m]. Assumed value; guidance laws
+without preview deviate by about twice the minimum offset."""
 MOST_LOCK = 0.9  # Fraction of the steering limit above which a bend leaves no margin for control [-]. Assumed value.
 EDGE_M = 0.5
-"""Minimum distance between the path and the edge of the ground [m]. Assumed value; tractors deviate from paths."""
+"""Distance from the edge of the ground below which a hint is given [m]. Assumed value for deviations from the path."""
 WIDEST = 100.0  # Maximum factor by which the search for a feasible radius increases the radius [-]
 
 
@@ -108,7 +108,7 @@ class Change(NamedTuple):
         return max(turned / rate - self.takes, 0.0)
 
     def leaves(self, tractor: TractorParameters, rate: float) -> float:
-        """Return the minimum lateral offset [m] after the change at the steering rate `rate` [rad/s]."""
+        """Return the minimum lateral offset [m] of the tractor after the change at the steering rate `rate` [rad/s]."""
         return abs(self.end - self.begin) * (self.speed * self.late(tractor, rate)) ** 2 / 24
 
     def wider(self, factor: float) -> "Change":

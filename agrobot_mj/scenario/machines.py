@@ -1,8 +1,8 @@
 """Machine files: TOML files with the scenario tables of one machine, given by name (`scenarios/machines/`) or path.
 
 The key `machine` of a scenario selects the machine. Keys of the scenario take precedence over keys of the machine, and
-both over the defaults. Keys and error messages are the same as in scenario files. The table `[guidance]` of a machine
-applies if the scenario sets neither a guidance law nor a yaw controller.
+both take precedence over the defaults. Keys and error messages are the same as in scenario files. The table
+`[guidance]` of a machine applies if the scenario sets neither a guidance law nor a yaw controller.
 
 An MJCF body file (`tractor.mjcf`) defines keys of `[tractor]`. Values given for these keys must agree with the file.
 """
@@ -22,7 +22,7 @@ TABLES = ("tractor", "implement", "steering", "driveline", "sensors", "estimator
 
 
 def machine_file(name: str) -> tuple[Path, int, int, int] | None:
-    """Return path, modification times and size of a machine file, or None for the default. Reject missing files."""
+    """Return path, times and size of a machine file, or None for the default. Raises `ScenarioError` without a file."""
     if name == COMPACT:
         return None
     shipped = machine_files()
@@ -46,7 +46,7 @@ def machine_tables(path: Path) -> dict[str, Any]:
 
 TYRE_KEYS = ("pressure_bar", "stiffness_n_m", "damping_n_s_m")
 SPRINGS = tuple(f"{end}_tyre_{what}" for end in ("front", "rear") for what in TYRE_KEYS)
-"""Keys of tyres that affect the height of the tractor body."""
+"""Tyre keys that affect the height of the tractor body."""
 EXACT = 1e-6  # Maximum relative difference between a given value and the value from the body file [-]
 
 

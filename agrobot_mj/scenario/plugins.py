@@ -44,7 +44,7 @@ WITHOUT = ": the scenario was run with plugins; add "
 
 
 def register(member: Member, name: str | None = None) -> Member:
-    """Add a class to the family of its base class; also usable as a decorator. Unsuitable classes are rejected.
+    """Add a class to the family of its base class; can be a decorator. Raises `ScenarioError` for unsuitable classes.
 
     A sensor becomes the table `[sensors.NAME]`. The default name is the class name in lower case with underscores. A
     metric is evaluated in every run.
@@ -54,7 +54,7 @@ def register(member: Member, name: str | None = None) -> Member:
 
 
 def _added(member: type[Spec], name: str | None = None) -> set[type[Spec]]:
-    """Add a class to its family, with the errors of `register`. Return the classes whose validators must be rebuilt."""
+    """Add a class to its family, as `register` does, and return the classes whose validators must be rebuilt."""
     check_argument("member", member, isinstance(member, type), "a class")
     check_argument("name", name, name is None or isinstance(name, str), "a string")
     if not issubclass(member, Spec):
@@ -88,7 +88,7 @@ def _added(member: type[Spec], name: str | None = None) -> set[type[Spec]]:
 
 
 def _left_open(member: type[Spec]) -> list[str]:
-    """Return the names of abstract methods and properties without implementation; empty for a subclass of a kind."""
+    """Return the names of unimplemented abstract methods and properties, or an empty list for a subclass of a kind."""
     bases = [base for base in member.__mro__[1:] if issubclass(base, Spec) and "kind" in base.model_fields]
     if any(isinstance(base.model_fields["kind"].default, str) for base in bases):
         return []
@@ -123,7 +123,7 @@ def _add_metric(metric: Metric) -> None:
 
 
 def _add_listed(default: Any, registry: list[Any]) -> None:
-    """Insert a member at the front of the registry list of its family."""
+    """Insert the object `default` at the front of the registry list of its family."""
     others = [other for other in registry if not _same(type(other), type(default))]
     for other in others:
         if other.kind == default.kind:
@@ -150,7 +150,7 @@ def _add_kind(member: type[Spec]) -> set[type[Spec]]:
 
 
 def _same(there: Any, member: type[Spec]) -> bool:
-    """Return whether two classes have the same module and name, for example after a notebook cell ran again."""
+    """Return whether two classes have the same module and name, for example after a notebook cell was run again."""
     return (there.__module__, there.__qualname__) == (member.__module__, member.__qualname__)
 
 
@@ -161,7 +161,7 @@ def _taken(what: str, there: Any, choose: str = "another") -> ScenarioError:
 
 
 def _family(member: type[Spec]) -> list[Key]:
-    """Return the schema keys whose kinds belong to the family of a class, shortest key first."""
+    """Return the schema keys whose kinds belong to the same family as a class, shortest key first."""
     bases: dict[type, dict[Key, None]] = {}
     for key in keys(Scenario):
         for known in key.kinds.values():
@@ -180,7 +180,8 @@ def _family(member: type[Spec]) -> list[Key]:
 
 
 def _with_member(annotation: Any, member: type[Spec], instead: type[Spec] | None) -> Any:
-    """Return the annotation with `member` added to its union, in place of its older version `instead`."""
+    """Return the annotation with `member` added to its union. `member` replaces its older version `instead`, if
+    given."""
     if get_origin(annotation) is Annotated:
         union, *metadata = get_args(annotation)
         return Annotated[(_with_member(union, member, instead), *metadata)]
@@ -206,7 +207,7 @@ def _rebuild(owner: type[Spec], changed: set[type[Spec]], seen: dict[type[Spec],
 
 
 def load_plugins(paths: Iterable[Path]) -> None:
-    """Load plugin files, each once, and register their classes. Raises `ScenarioError` for an invalid file."""
+    """Load each plugin file once and register its classes. Raises `ScenarioError` for an invalid file."""
     for path in paths:
         if (file := path.resolve()) not in _files:
             with _naming(f"--plugin {path}"):
@@ -232,7 +233,7 @@ def plugin_options(files: Iterable[Path] | None = None) -> str:
 
 
 def plugin_note() -> str:
-    """Return the comment that lists the plugin files in results of a run, or an empty string without plugins."""
+    """Return the comment that lists the plugin files in the results of a run, or an empty string without plugins."""
     return f"{RUN_WITH}{options}\n" if (options := plugin_options()) else ""
 
 
@@ -244,7 +245,7 @@ def with_plugin_options(error: ScenarioError, file: Path) -> ScenarioError:
 
 
 def _absent(file: Path) -> list[Path]:
-    """Return the plugin files that the `plugin_note` in a file lists and this process has not loaded."""
+    """Return the plugin files that the `plugin_note` in a file lists but that this process has not loaded."""
     if not is_file(file):  # reading a pipe would block
         return []
     try:
@@ -308,7 +309,7 @@ def _run(path: Path) -> ModuleType:
 
 
 def _public_members(parts: Iterable[Any]) -> list[type[Spec]]:
-    """Return the public sensors and kinds among the objects `parts` that are defined outside the package."""
+    """Return the public sensor and component classes in `parts` that are defined outside the package."""
     specs = [part for part in parts if inspect.isclass(part) and issubclass(part, Spec)]
     own = [part for part in specs if not part.__name__.startswith("_")]
     own = [part for part in own if not part.__module__.startswith("agrobot_mj.")]

@@ -1,4 +1,4 @@
-"""Reference of the keys of scenario files: list of kinds, explanation of a key, and JSON schema for editors."""
+"""Reference of the keys of scenario files: kinds of each table, explanation of a key, and JSON schema for editors."""
 
 import inspect
 import json
@@ -53,14 +53,14 @@ def _families(built: object) -> dict[str, dict[str, type[Spec]]]:
 
 
 def first_line(part: type[Spec], kind: str = "") -> str:
-    """Return the first line of a class docstring, without control characters. In the line of a fault, the word "signal"
-    is replaced by the name of the faulty signal."""
+    """Return the first line of a class docstring, without control characters. For a fault class, the name of the faulty
+    signal replaces the word "signal"."""
     signal = getattr(part, "signals", {}).get(kind.rpartition("_")[0], "signal")
     return UNPRINTABLE.sub("", (part.__doc__ or "").strip().partition("\n")[0]).replace("signal", signal, 1)
 
 
 class KnownKind(NamedTuple):
-    """Description of a kind of a table, of a sensor, or of a metric."""
+    """Description of a kind of a table, a sensor or a metric."""
 
     table: str  # Dotted key of the table that contains `kind`; `sensors` for a sensor, `metric` for a metric
     kind: str  # Value of the key `kind`, or name of the sensor or metric
@@ -68,7 +68,7 @@ class KnownKind(NamedTuple):
 
 
 def known_kinds() -> list[KnownKind]:
-    """Return all kinds of all tables, all sensors and all metrics."""
+    """Return the accepted values of `kind` in all tables, all sensors and all metrics, each with a description."""
     known = families()
     outer = {key: [other for other in known if key.startswith(f"{other}.")] for key in known}
     found = [
@@ -83,7 +83,7 @@ def known_kinds() -> list[KnownKind]:
 
 
 def kinds_text() -> str:
-    """Return the list of all kinds, sensors and metrics as text."""
+    """Return the text that lists the accepted values of `kind` in all tables, all sensors and all metrics."""
     rows = known_kinds()
     wide = [max(len(row[k]) for row in rows) for k in (0, 1)]
     return "\n".join(f"{key:{wide[0]}}  {kind:{wide[1]}}  {line}" for key, kind, line in rows)
@@ -134,9 +134,10 @@ def _as_toml(value: Any) -> str:
 
 
 def explain_key(key: str) -> str:
-    """Return the documentation of a key as text. An empty key lists the keys at the root of a scenario.
+    """Return the documentation of a key as text, or the keys at the root of a scenario for an empty key.
 
-    A word that is not a key lists the keys and kinds that match the word. Raises `ScenarioError` without a match.
+    For a word that is not a key, return the keys and kinds that match the word. Raises `ScenarioError` if nothing
+    matches.
     """
     key = shortened(key)
     named = [step for step in re.sub(r"\[\d+\]", "", key).split(".") if not step.isdecimal()]
@@ -180,7 +181,7 @@ def _split_kinds(named: list[str]) -> tuple[list[str], Chosen]:
 
 
 def _places(steps: list[str], chosen: Chosen) -> list[TableClass]:
-    """Return all classes that the table at the key path `steps` can have, given the kinds chosen for other tables."""
+    """Return all classes that the table at the key path `steps` can have, for the kinds `chosen` for other tables."""
     tables = dict(chosen)
     return [
         place
@@ -205,7 +206,7 @@ def _metric_text(metric: Metric) -> str:
 
 
 def _holding(words: list[str]) -> list[str]:
-    """Return one line per key or kind whose name matches the words. Without matching names, search the descriptions."""
+    """Return one line per key or kind whose name matches the words. If no name matches, search the descriptions."""
     known = dict.fromkeys((key.dotted, key.owner, key.name) for key in keys(Scenario))
     if len("".join(words)) < SHORTEST_WORD:
         return []
@@ -297,7 +298,7 @@ def _nearest(key: str) -> str:
 
 
 def json_schema() -> dict[str, Any]:
-    """Return the JSON schema of a scenario file. As in loading, a table without `kind` has the default kind."""
+    """Return the JSON schema of a scenario file. As in loading, a table without `kind` has its default kind."""
     schema = Scenario.model_json_schema()
     _drop_titles(schema)
     implied = {type(key.owner.model_fields[key.name].get_default()) for key in keys(Scenario)}

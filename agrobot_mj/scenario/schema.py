@@ -30,7 +30,7 @@ from agrobot_mj.scenario.overrides import (
 from agrobot_mj.scenario.tables import Tables
 
 SAID = {"version", "name", "title", "expected_outcome", "expected_reason", "gains", "machine"}
-"""Keys excluded from the identity: they have no effect on a run, or the values of other keys contain their effect."""
+"""Keys excluded from the run identity: they have no effect on a run, or other keys contain their effect."""
 
 
 class Scenario(Tables):
@@ -38,12 +38,12 @@ class Scenario(Tables):
 
     @property
     def hash8(self) -> str:
-        """Hash of the scenario and of its files, eight hexadecimal digits."""
+        """Hash of the scenario and of its files, as eight hexadecimal digits."""
         return joined(self.identity[:2])
 
     @property
     def identity(self) -> Identity:
-        """Digests of the scenario, its files and the code of this process. The expected outcome has no influence."""
+        """Digests of the scenario (without the keys in `SAID`), of its files, and of the code of this process."""
         content = self.model_dump(mode="json", exclude=SAID)
         read = files(content)
         relocate_files(content)  # the locations of files are not part of the experiment
@@ -55,7 +55,7 @@ class Scenario(Tables):
         return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True) | {"version": __version__})
 
     def portable(self) -> tuple[str, dict[str, FilePath]]:
-        """Return the scenario as TOML with file names instead of paths, and the path of each file name."""
+        """Return the scenario as TOML with file names instead of paths, and the original path of each file name."""
         data = self.model_dump(mode="json", exclude_none=True) | {"version": __version__}
         moved = relocate_files(data)
         return tomli_w.dumps(data), moved
@@ -110,7 +110,7 @@ def on_machine(data: Mapping[str, Any], overrides: Mapping[str, Any] = MappingPr
 
 @cache
 def compact() -> Scenario:
-    """Return the default scenario, which has the default machine `compact`."""
+    """Return the default scenario, which uses the default machine `compact`."""
     return Scenario.model_construct()
 
 

@@ -27,11 +27,11 @@ from agrobot_mj.sensors import Sensors
 from agrobot_mj.terrain import Flat, Terrain
 
 STEP_S = 0.002  # Default physics step [s]
-SHORTEST_S = 0.001  # Minimum duration: one tick [s]
+SHORTEST_S = 0.001  # Minimum value of a duration [s]; a run has at least one tick
 LONGEST_S = 24 * 3600.0  # Maximum duration of a run [s]
 REASONED = ("stopped", "unfinished", "diverged")  # Outcomes for which a run also reports a reason
 DIVISORS = (5, 8, 10, 16, 20, 25, 40, 50, 80, 100, 125, 200, 250, 400, 500)
-"""Numbers of physics steps per tick for which the step is a short decimal number [-]."""
+"""Numbers of physics steps per tick that make the step a short decimal number [-]."""
 
 
 def long_enough(seconds: float) -> float:
@@ -49,18 +49,18 @@ class Steering(Spec):
     cylinder: Cylinder = Cylinder()
     """Steering cylinder."""
     linkage: Linkage = Linkage()
-    """Kingpins, and linkage between cylinder and wheels."""
+    """Kingpins, and linkage between cylinder and front wheels."""
     loop: Loop = SteeringLoop()
     """Controller of the steering angle."""
 
 
 class Tables(Spec):
-    """Tables of one experiment. Their validation does not open files."""
+    """Tables of a scenario, which describe one experiment. Their validation opens no files."""
 
     name: Annotated[str, Field(max_length=200), AfterValidator(printable)] = ""
     """Short name of the scenario. Default: the file name."""
     title: Annotated[str, Field(max_length=1000), AfterValidator(printable)] = ""
-    """Title of the scenario in lists and reports, one line."""
+    """One-line title of the scenario in lists and reports."""
     version: str = __version__
     """Version of agrobot_mj that wrote the file. The version has no effect on runs."""
     expected_outcome: Outcome = "completed"
@@ -74,9 +74,9 @@ class Tables(Spec):
     physics: Literal["standard", "fast"] = "standard"
     """Physics step: 2 ms (`standard`) or 5 ms (`fast`; 2.5 ms with drawn implement or light wheels, 2 ms on `ruts`)."""
     physics_dt_s: Annotated[float, Field(ge=1e-4, le=0.005)] | None = None
-    """Physics step [s], a divisor of the tick of 0.05 s. Tyres are stable up to 5 ms. Default: set by `physics`."""
+    """Physics step [s], a divisor of the 0.05 s tick. Tyre models are stable up to 5 ms. Default: set by `physics`."""
     machine: Annotated[str, Field(max_length=4000), AfterValidator(printable)] = COMPACT
-    """Machine: a name (`agrobot-mj list --machines`) or a file. Keys of the scenario take precedence."""
+    """Machine: a name listed by `agrobot-mj list --machines`, or a file. Keys of the scenario take precedence."""
     tractor: TractorParameters = TractorParameters()
     implement: Implement = NoImplement()
     """Implement at the hitch of the MuJoCo plant."""
@@ -85,15 +85,15 @@ class Tables(Spec):
     path: Path = FigureEight()
     controller: Controller = PdT2fnn()
     fault: Annotated[tuple[Fault, ...], Field(max_length=1000)] = ()
-    """Faults and disturbances of the run, a list of `[[fault]]` tables."""
+    """Faults and disturbances of the run, given as `[[fault]]` tables."""
     guidance: Guidance = Kinematic()
-    """Guidance law, which computes steering angle and speed from estimate and path."""
+    """Guidance law, which computes steering angle and speed from the estimate and the path."""
     gains: Gains = "tuned"
     """Default gains of a law with a yaw controller: `tuned`, or `paper` for the gains of the figures in the paper."""
     supervisor: Supervisor = Supervisor()
     """Supervisor, which monitors the limits of autonomous operation and performs a controlled stop."""
     speed: SpeedLoop = SpeedLoop()
-    """Speed controller, a cascade from speed to pedal voltage."""
+    """Speed controller: a cascade that computes the pedal voltage from the speed error."""
     steering: Steering = Steering()
     driveline: Driveline = Driveline()
     sensors: Sensors = Sensors()

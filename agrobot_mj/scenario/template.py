@@ -1,4 +1,4 @@
-"""Template of a scenario file with default values: title, seed, and all tables that have kinds.
+"""Template of a scenario file with default values: title, seed, and all tables that have a `kind`.
 
 The template is generated from the schema, with the texts of `agrobot-mj explain`, and is a valid scenario.
 """

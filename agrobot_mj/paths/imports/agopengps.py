@@ -1,7 +1,7 @@
 """Files of an AgOpenGPS field: Boundary.txt, Headland.txt, TrackLines.txt, Tram.txt, RecPath.txt and Field.txt.
 
-Points consist of east, north and compass heading [rad] in a local plane, whose geographic position is in Field.txt.
-Numbers may have decimal commas; a row then has twice as many cells separated by commas.
+Points consist of east, north and compass heading [rad] in a local plane, whose geographic origin is in Field.txt.
+Numbers may have decimal commas; a row then has twice as many comma-separated cells.
 """
 
 import re
@@ -24,11 +24,11 @@ HEADS = {
     "$Tram": "tram",
     "$RecPath": "recorded",
 }
-"""Shape roles in a file, by the first line of the file."""
+"""Role of the shapes in a file, depending on the first line of the file."""
 LINE_M = 1000.0  # Length of an AB line on each side of its points [m], as in exports of AgOpenGPS
 AB_LINE, PIVOT = 2, 64  # Modes of tracks: straight line through two points, and circle
 WHOLE, DECIMALS = re.compile(r"[+-]?\d+"), re.compile(r"\d+(?:[eE][+-]?\d+)?")
-"""Patterns of the integer part and the decimals of a number with a decimal comma."""
+"""Patterns of the integer part and the decimal part of a number with a decimal comma."""
 
 
 class _Lines:
@@ -42,7 +42,7 @@ class _Lines:
         return any(self.lines[self.at :])
 
     def peek(self) -> str:
-        """Return the next line without advancing, or an empty string at the end."""
+        """Return the next line without advancing, or an empty string at the end of the file."""
         return self.lines[self.at] if self.at < len(self.lines) else ""
 
     def next(self) -> str:
@@ -60,7 +60,7 @@ class _Lines:
         return int(line)
 
     def numbers(self, count: int) -> list[float]:
-        """Return the first `count` numbers of the next line, with decimal points or commas."""
+        """Return the first `count` numbers of the next line, written with decimal points or commas."""
         line = self.next()
         found = comma_numbers(line, count)
         if len(found) < count or not np.isfinite(found).all():
@@ -83,7 +83,7 @@ class _Lines:
 
 
 def comma_numbers(line: str, count: int) -> list[float]:
-    """Return up to `count` numbers of a comma-separated line.
+    """Return up to `count` numbers of a comma-separated line, or an empty list if a cell is not a number.
 
     Two adjacent integer cells form one number if the line uses decimal commas.
     """
@@ -99,8 +99,8 @@ def comma_numbers(line: str, count: int) -> list[float]:
 
 
 def read_agopengps(text: str) -> ShapeFile:
-    """Return the shapes in the text of one AgOpenGPS field file. Raise ValueError for damaged text or another file
-    type."""
+    """Return the shapes in the text of one AgOpenGPS field file. Raise ValueError for damaged text or other file
+    types."""
     lines = _Lines(text)
     while lines and lines.peek() not in HEADS:
         lines.next()
@@ -175,8 +175,7 @@ def _recorded(lines: _Lines) -> Iterator[Polyline]:
 
 
 def read_origin(text: str) -> Origin | None:
-    """Return the geographic position of the local plane from the text of Field.txt, or None if `StartFix` is
-    missing."""
+    """Return the geographic origin of the local plane from the text of Field.txt, or None if `StartFix` is missing."""
     lines = [line.strip() for line in text.splitlines()]
     if "StartFix" not in lines[:-1]:
         return None
@@ -187,5 +186,5 @@ def read_origin(text: str) -> Origin | None:
 
 
 def is_folder_of_field(folder: Path) -> bool:
-    """Return whether a folder contains an AgOpenGPS field."""
+    """Return whether a folder contains a file `Field.txt` or `Boundary.txt` of AgOpenGPS."""
     return any((folder / name).is_file() for name in ("Field.txt", "Boundary.txt"))

@@ -2,7 +2,7 @@
 
 At standstill, position noise makes a recorded track reverse its direction over short legs. Such a track is thinned with
 the smallest point distance that removes these legs. A track that reverses over long legs contains reverse driving and
-is unchanged.
+remains unchanged.
 """
 
 import numpy as np
@@ -13,13 +13,12 @@ from agrobot_mj.paths.track import Index
 CLOSEST_M = 0.001  # Minimum distance between consecutive points [m]
 SHORT_M = 1.0  # Length of a leg below which turning back is noise [m]. Assumed value, shorter than any manoeuvre.
 THINNINGS_M = (0.05, 0.1, 0.2, 0.4, 0.8)
-"""Minimum point distances for thinning a track with a standstill [m], applied in this order until one is sufficient."""
+"""Minimum point distances [m], tried in this order to thin a track with a standstill until it has no reversals."""
 BACK = np.cos(np.radians(100.0))  # Cosine of the change of direction, 100 degrees, above which a track turns back [-]
 OUTLYING = 3.0
-"""Minimum distance of an outlier from the median point, divided by the extent of the other points [-]. Assumed
-value."""
+"""Minimum distance of outliers from the median point, divided by the extent of the other points [-]. Assumed value."""
 MOST_OUTLIERS, FEWEST_POINTS = 3, 5
-"""Maximum number of outliers in a file, and minimum number of points for outlier detection."""
+"""Maximum number of outliers in a file, and minimum number of points for the detection of outliers."""
 
 
 def cleaned(points: Array, closed: bool = False) -> tuple[Index, list[str]]:
@@ -90,7 +89,7 @@ def thinned(points: Array, distance: float, closed: bool) -> Index:
 
 
 def _turning_back(points: Array) -> Index:
-    """Return the indices of points where the track reverses its direction next to a short leg."""
+    """Return the indices of the points where the track reverses its direction next to a short leg."""
     legs = np.diff(points, axis=0)
     lengths = np.maximum(np.hypot(*legs.T), 1e-12)
     along = (legs[1:] * legs[:-1]).sum(axis=1) / (lengths[1:] * lengths[:-1])

@@ -1,5 +1,4 @@
-"""Reading of position files. The first characters identify the file type; unidentified text files are read as
-tables."""
+"""Reading of position files. The first characters identify the file type; other text files are read as tables."""
 
 import csv
 from collections.abc import Callable
@@ -25,11 +24,11 @@ READERS: Readers = {
     "GeoJSON": (lambda head: head.lstrip()[:1] in ("{", "[") or bool(SCRIPT.match(head)), read_geojson),
     "AgOpenGPS": (lambda head: any(name in head for name in HEADS), read_agopengps),
 }
-"""Text readers by file type, each with a test of the first characters of the file."""
+"""Text readers by file type, each with a function that tests the first characters of a file."""
 
 
 def read_shapes(name: str, most_bytes: int = MAX_BYTES, more: Readers | None = None) -> ShapeFile:
-    """Return the shapes of a file. Raise a ValueError that names the file, the problem and the fix if this fails."""
+    """Return the shapes of a file. Raise a ValueError that names file, problem and fix if the file cannot be read."""
     path = checked(name, (), most_bytes)
     try:
         data = path.read_bytes()
@@ -75,7 +74,7 @@ MOST_PRJ_BYTES = 100_000  # Maximum size of a .prj file [bytes]
 
 
 def read_shapefile(path: Path) -> ShapeFile:
-    """Return the shapes of a shapefile. Raise ValueError if it is damaged."""
+    """Return the shapes of a shapefile. Raise ValueError if the file is damaged."""
     shapefile = required("shapefile", "fields", "a shapefile")
     shapefile.VERBOSE = False  # rings in the wrong order are read anyway
     try:

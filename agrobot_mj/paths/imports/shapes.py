@@ -22,8 +22,8 @@ class Polyline:
     role: str = ""  # Role of the shape in its file: boundary, hole, obstacle, headland, track, tram or other
     name: str = ""
     columns: Mapping[str, Array] = field(default_factory=dict)
-    """Additional values per point by column name, each of shape (n,): speed [m/s], whether the implement works (0 or
-    1), driving direction (1 forward, -1 reverse), row of the table."""
+    """Additional values per point by column name, each array of shape (n,): speed [m/s], whether the implement works (0
+    or 1), driving direction (1 forward, -1 reverse), row of the table."""
     properties: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -34,7 +34,7 @@ class ShapeFile:
     shapes: tuple[Polyline, ...]  # Shapes in the order of the file; a hole follows the ring around it
     crs: str = ""  # Coordinate system, for example EPSG:4326 for degrees, or "" for metres of an unknown system
     origin: Origin | None = None
-    """Geographic position of the coordinate origin of a file in local metres, or None if unknown."""
+    """Geographic position of the origin of local coordinates in metres, or None if unknown."""
     name: str = ""
     notes: tuple[str, ...] = ()  # Sentences about omitted or repaired shapes
 

@@ -35,17 +35,17 @@ NAMES = {
 }
 """Accepted names of each column in lower case, without prefix and unit."""
 PREFIX = re.compile(r"^(?:(?:field|pose|pos|position|point|translation|transform|fix|gps|odom|location|utm|local)_)+")
-"""Pattern of column name prefixes, such as field.pose.position of ROS recordings."""
+"""Pattern of the prefixes of column names, such as field.pose.position in ROS recordings."""
 KNOWN = {name: key for key, names in NAMES.items() for name in names}
 COMMENTS, MOST_TITLES = ("#", "%"), 50  # First characters of comments, and maximum number of rows above the numbers
 UNITS = {"km/h": 1 / 3.6, "kmh": 1 / 3.6, "kph": 1 / 3.6, "km_h": 1 / 3.6, "mph": 0.44704, "kn": 1852 / 3600}
-"""Conversion factors to m/s, by unit of speed."""
+"""Factors for converting a speed to m/s, by the name of the speed unit."""
 UNIT = re.compile(r"[_\s]*(?:[\[(]([^\])]*)[\])]|_(m_s|mps|m|deg|km_h|kmh|kph|mph|kn))\s*$")
 """Pattern of the unit at the end of a column name."""
 WORDS = {"true": 1.0, "yes": 1.0, "on": 1.0, "forward": 1.0, "false": 0.0, "no": 0.0, "off": 0.0, "backward": -1.0}
 """Numerical values of the words in the columns working and direction."""
 DECIMALS = "write decimal points instead of decimal commas"
-"""Fix text of error messages for numbers split at decimal commas."""
+"""Fix given in error messages about numbers that are split at decimal commas."""
 MOST_DEGREES = 180.0  # Maximum absolute longitude [deg]
 FEWEST, NEAR_RAD = 5, 0.2
 """Minimum number of rows for detecting a column of headings, and maximum median difference between the column and the
@@ -116,8 +116,8 @@ def _without_empty_end(cells: list[str]) -> list[str]:
 
 
 def _is_speed(values: Array) -> bool:
-    """Return whether the third column of an untitled table, shape (n, 3), is a speed. Other quantities are height and
-    heading."""
+    """Return whether the third column of an untitled table, shape (n, 3), is a speed. Other possible quantities are
+    height and heading."""
     points, third = values[:, :2], values[:, 2]
     speeds = np.count_nonzero((third >= SLOWEST_M_S) & (third <= FASTEST_M_S))
     along = np.diff(points, axis=0)
@@ -154,8 +154,7 @@ def _rows(lines: list[str], first: int) -> Iterator[tuple[int, list[str]]]:
 
 
 def _key(cell: str) -> tuple[str, float]:
-    """Return the quantity for a column name, or an empty string for an unknown name, and the conversion factor of its
-    unit."""
+    """Return the quantity for a column name (an empty string if unknown) and the factor for converting its unit."""
     unit = UNIT.search(cell)
     name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", (cell[: unit.start()] if unit else cell).strip())
     key = KNOWN.get(PREFIX.sub("", re.sub(r"[\s./-]+", "_", name).lower().strip("_")), "")

@@ -1,4 +1,4 @@
-"""KML and GPX files: lines, rings and points in longitude and latitude."""
+"""KML and GPX files: lines, rings and points with longitude and latitude."""
 
 from collections.abc import Iterator
 from xml.etree import ElementTree
@@ -47,7 +47,7 @@ def _of_placemark(mark: ElementTree.Element) -> Iterator[Polyline]:
 
 
 def _coordinates(element: ElementTree.Element) -> Array:
-    """Return the positions of a KML element, shape (n, 2) [deg], from tuples longitude,latitude[,height]."""
+    """Return the positions in a KML element, shape (n, 2) [deg], from tuples longitude,latitude[,height]."""
     text = "".join(each.text or "" for each in element.iter("coordinates"))
     return _numbers([part.split(",") for part in text.split()])
 
