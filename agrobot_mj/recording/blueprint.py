@@ -48,7 +48,7 @@ TILT = 0.1
 COLUMNS, MOST_PLOTS = 3, 12
 """Number of plot columns and maximum number of plots on a tab. Additional plots are on further tabs."""
 LANE, LANES_BESIDES, MOST_LANES = 0.053, 0.075, 0.5
-"""Heights as fractions of the tab [-]: one lane of the state view, the rest of the view, and maximum of the view."""
+"""Heights divided by the tab height [-]: one lane of the state view, the view without lanes, maximum of the view."""
 NAMES = "world/names"  # Entity of the name labels in 3D. The top view hides them, because they would overlap.
 
 
@@ -115,7 +115,7 @@ def _of(plots: Sequence[Plot], starts: tuple[str, ...]) -> list[Plot]:
 def stacked(
     plots: Sequence[tuple[Plot, Frame]], end_s: float, below: Sequence[tuple[rrb.View, float]] = ()
 ) -> rrb.Vertical:
-    """Return a column of plots above the views `below`, which are given with their fractions of the height."""
+    """Return a column of plots above the views `below`, which are pairs of a view and its fraction of the height."""
     heights = np.array([pixels(frame.values) for _, frame in plots])
     shares = (1 - sum(share for _, share in below)) * heights / heights.sum()
     views = [plot_view(plot, end_s, frame, share) for (plot, frame), share in zip(plots, shares, strict=True)]
@@ -151,7 +151,7 @@ def scenes(
 ) -> rrb.Vertical:
     """Return two 3D views: one that follows the entity `followed`, and a top view of all points `places` (n, 3) [m].
 
-    `size` is the tractor size divided by the default size. The content of `growing` entities accumulates.
+    `size` is the tractor size divided by the default size. The views show the content of entities `growing` so far.
     """
     east, north = from_heading(yaw, *FOLLOW_FROM[:2])
     following = rrb.EyeControls3D(
@@ -178,7 +178,7 @@ def _seconds(t: float) -> rr.TimeRangeBoundary:
 
 
 def plot_view(plot: Plot, end_s: float, frame: Frame, share: float) -> rrb.TimeSeriesView:
-    """Return the view of a plot with the height `share`, as a fraction of the tab. A single series has no legend."""
+    """Return the view of a plot whose height is the fraction `share` of the tab. A single series has no legend."""
     axis = whole_run(end_s, frame.room)
     shown = frame.values
     cut = f"; clipped, maximum {shown.beyond:.4g}" if shown and shown.beyond is not None else ""

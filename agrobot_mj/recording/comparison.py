@@ -49,7 +49,7 @@ NAME_M, NAME_STEP_M = 0.2, 0.2  # Height of the lowest name above the default tr
 
 
 class RecordedRun(NamedTuple):
-    """Run of a comparison, with its colour and its level in the stack of tracks."""
+    """Run of a comparison, with its colour and the position of its track in the stack of tracks."""
 
     name: str
     entity: str
@@ -63,12 +63,12 @@ class RecordedRun(NamedTuple):
 
     @property
     def place(self) -> str:
-        """Entity path of the tractor."""
+        """Rerun entity path of the tractor."""
         return f"world/{self.entity}"
 
 
 def write_comparison(named: Sequence[tuple[str, Log]], path: Path) -> None:
-    """Write a recording of named runs to `path`, on the ground of the first run. Raise OSError if this fails.
+    """Write a recording of named runs to `path`, on the ground of the first run. Raise OSError if writing fails.
 
     No recording is written if Rerun is disabled.
     """

@@ -91,7 +91,7 @@ class Recording:
         self.sink.close()
 
     def _lay_out(self, end_s: float, outcome: str = "") -> None:
-        """Send a viewer layout for the content up to `end_s` [s]. It replaces the previous layout."""
+        """Send a viewer layout for the content up to `end_s` [s]. This layout replaces the previous layout."""
         places = np.concatenate([self.rows.poses[: self.motion.last + 1, 0, :3], self.reference])
         plots, frames = self.signals.shown, dict[str, Frame]()
         if outcome:  # constant plots are identified at the end of the run

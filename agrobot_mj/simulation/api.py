@@ -13,7 +13,7 @@ from agrobot_mj.simulation.log import Log
 
 
 class ScenarioWarning(UserWarning):
-    """Warning about a scenario key that has no effect or probably not the intended effect."""
+    """Warning about a scenario key without effect or with a probably unintended effect."""
 
 
 def run(

@@ -1,6 +1,6 @@
-"""Branching runs: runs with the same past, whose noise differs after a branch.
+"""Branching runs, which have the same past and different noise after a branch.
 
-A run is identified and reproducible by its scenario and its branches. Each process stores the states of its runs once
+A run is identified and reproduced by its scenario and its branches. Each process stores the states of its runs once
 per simulated second. A new run starts from the last stored state that it shares with an earlier run.
 """
 
@@ -18,7 +18,7 @@ MOST_BYTES = 200_000_000  # Maximum total size of the stored states [bytes]: hun
 
 
 class Branch(NamedTuple):
-    """Branch of a run: number of ticks before the branch, and number of the random streams after the branch."""
+    """Branch of a run: index of its first tick, and index of the random streams used from this tick."""
 
     tick: int  # Number of ticks before the branch
     number: int  # Number of the random streams, see `Simulation.branch`
@@ -32,7 +32,7 @@ class _States:
         self._bytes = 0
 
     def keep(self, name: str, branches: tuple[Branch, ...], sim: Simulation) -> None:
-        """Store the present state of a run. Delete the least recently used states above a total of MOST_BYTES."""
+        """Store the present state of a run. Above a total of MOST_BYTES, delete the least recently used states."""
         rows, state, key = sim.rows, sim.save(), (name, _before(branches, sim.rows.filled), sim.rows.filled)
         size = len(pickle.dumps(state.loop)) + EVERY * (rows.values[0].nbytes + rows.poses[0].nbytes)
         self._bytes += size - self._known.pop(key, (state, 0))[1]
@@ -41,7 +41,7 @@ class _States:
             self._bytes -= self._known.popitem(last=False)[1][1]
 
     def latest(self, name: str, branches: tuple[Branch, ...]) -> Snapshot | None:
-        """Return the latest stored state of a run before its last branch, or None if no state is stored."""
+        """Return the latest stored state up to the last branch of a run, or None if no branch or no state exists."""
         for tick in range(branches[-1].tick // EVERY * EVERY if branches else 0, 0, -EVERY):
             key = name, _before(branches, tick), tick
             if key in self._known:
@@ -58,7 +58,7 @@ _STATES = _States()
 
 
 def steps(sim: Simulation, branches: Sequence[Branch]) -> Iterator[None]:
-    """Simulate a run with `branches`, sorted by tick, and yield after each tick."""
+    """Simulate a run with `branches`, which are sorted by tick, and yield after each tick."""
     past, name = tuple(branches), _name(sim.scenario)
     if state := _STATES.latest(name, past):
         sim.restore(state)

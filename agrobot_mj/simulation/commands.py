@@ -14,7 +14,7 @@ LEAST_SPEED = 0.1  # Minimum absolute speed in the conversion of a yaw rate to a
 
 
 def command_of(loop: Loop, given: dict[str, float], speed: float | None) -> Command:
-    """Convert the steering arguments `given`, by name, and a speed [m/s] to a command. Reject invalid arguments."""
+    """Return the command for the steering arguments `given` (by name) and a speed [m/s]. Reject invalid arguments."""
     numbers = given if speed is None else {**given, "speed": speed}
     for name, value in numbers.items():
         check_argument(name, value, hasattr(value, "__float__"), "a number")  # text has no __float__

@@ -4,8 +4,8 @@ This module converts metrics to text. An estimate contradicts its covariance if 
 the chi-square distribution.
 
 Position errors are correlated over minutes, so that a run may contain only one independent error. NEES_MOST is
-therefore the limit of a single sample. Innovations of a consistent filter are white, so that every statistic has at
-least LEAST independent samples. NIS_MOST is the limit of their mean.
+therefore the limit for a single sample. Innovations of a consistent filter are white, so that every statistic has at
+least LEAST independent samples. NIS_MOST is the limit for the mean of these samples.
 """
 
 from collections.abc import Iterator, Mapping
@@ -29,7 +29,7 @@ SIDESLIP_MOST = 2.0
 """Maximum plausible steady sideslip on level ground [deg]. Assumed value: twice the mounting error of two antennas
 before calibration; the sideslip of tyres is below 0.5 deg."""
 WORTH_M = 0.03
-"""Error of the estimated CG per axis above which a message states a remedy [m]. Assumed value above the RTK error."""
+"""Error of the CG estimate per axis above which a message states a remedy [m]. Assumed value, above the RTK error."""
 FULL = {"estimator.kind": "ekf_full", "sensors.gyro.enabled": True, "sensors.wheel_speed.enabled": True}
 COMPENSATED = {"sensors.imu.enabled": True, "estimator.terrain_compensation": True}
 REMEDIES: dict[str, dict[str, Any]] = {LEAN: COMPENSATED, HEADING: FULL, LATENCY: FULL, LOSS: FULL, FLOAT: FULL}
@@ -57,10 +57,10 @@ def diagnosis(log: Log, view: RunView, metrics: Mapping[str, Any]) -> dict[str, 
 
 
 def _warnings(s: Scenario, view: RunView, metrics: Mapping[str, Any], askew: bool, given: str) -> Iterator[str]:
-    """Yield warnings about the estimate, without the remedy `given`, which another text contains.
+    """Yield warnings about the estimate, without the remedy `given`, which another text already states.
 
-    `askew` states that the sideslip on level ground is implausible. With two antennas the sideslip is then attributed
-    to the antenna mounting, because only the sum of both angles is observable.
+    `askew` is True if the sideslip on level ground is implausible. With two antennas the sideslip is then attributed
+    to the antenna mounting, because only the sum of sideslip and mounting angle is observable.
     """
     nees, nis = (metrics[name] or 0.0 for name in ("position_nees", "position_nis"))
     if nees > NEES_MOST or nis > NIS_MOST:
@@ -108,7 +108,7 @@ def _listed(names: list[str]) -> str:
 
 
 def attribution(row: Mapping[str, Any]) -> str:
-    """Return a sentence on the parts of the cross-track error of a run, or an empty string without the error."""
+    """Return a sentence on the parts of the cross-track error of a run, or an empty string if a part is missing."""
     names = ("xte_rms", "xte_estimator_rms", "xte_guidance_rms")
     total, estimator, guidance = (row.get(name) for name in names)
     if total is None or estimator is None or guidance is None:

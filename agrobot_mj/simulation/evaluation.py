@@ -1,4 +1,4 @@
-"""Progress, log and metrics of a run. The path is sampled separately, so that metrics do not change the samples of the
+"""Progress, log and metrics of a run. The metrics sample the path separately, without effect on the samples of the
 guidance law."""
 
 from dataclasses import replace
@@ -22,7 +22,7 @@ class Evaluation:
         self.progress: PathProgress | None = None  # Progress on the path at the end of the run, if already computed
 
     def ending(self) -> tuple[str, str]:
-        """Return the outcome at the planned end of the run and its reason.
+        """Return the outcome of a run at its planned end, and the reason if the run is unfinished.
 
         The outcome is `completed` if enough of the path or of the commanded distance was driven, else `unfinished`.
         """

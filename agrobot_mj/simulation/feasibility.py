@@ -16,7 +16,7 @@ LEVEL = plane(0.0, 0.0, 10.0, 10.0)  # Level ground for the check of a tractor
 
 
 def tractor_key(scenario: Scenario) -> object:
-    """Return the data on which the check of a tractor depends. Scenarios with equal data share one check."""
+    """Return the data on which the check of a tractor depends. Scenarios with equal data need only one check."""
     s, plant = scenario, scenario.plant
     if not isinstance(plant, Mujoco):
         return s.tractor
@@ -36,7 +36,7 @@ def check_tractor(scenario: Scenario) -> None:
 
 @contextmanager
 def naming(name: str) -> Iterator[None]:
-    """Convert a ValueError within the block to a `ScenarioError` whose message starts with `name`."""
+    """Convert a ValueError in the context to a `ScenarioError` whose message starts with `name`."""
     try:
         yield
     except ValueError as error:

@@ -57,7 +57,7 @@ class Rows:
         self._reported = slice(first, first + len(places)) if in_a_row else np.array(places, dtype=np.intp)
 
     def append(self, row: Sequence[float] | Vector, wheels: Array, poses: Array, report: Sequence[float] = ()) -> None:
-        """Append a tick: common signals, wheel signals, poses of the bodies, and signals reported by the stages."""
+        """Append the row of a tick: common signals, wheel signals, body poses, and signals reported by the stages."""
         self._make_room(self.filled + 1)
         values = self._values.numbers[self.filled]
         values[:COMMON] = row
@@ -97,7 +97,7 @@ class Rows:
         return self.values[first:end].copy(), self.poses[first:end].copy()
 
     def restore(self, saved: SavedRows) -> None:
-        """Restore saved rows of a run of the same scenario. Only blocks that differ are written."""
+        """Restore saved rows of a run of the same scenario. Only blocks that differ from present blocks are written."""
         here = self._blocks
         shared = next((k for k, (a, b) in enumerate(zip(here, saved.blocks, strict=False)) if a is not b), None)
         shared = min(len(here), len(saved.blocks)) if shared is None else shared
@@ -117,7 +117,7 @@ class Rows:
 
 
 class MissingColumnError(ValueError):
-    """Error for an unknown column. The text is composed on demand, because metrics often catch the error."""
+    """Error for an unknown column. The message is composed on demand, because metrics often catch the error."""
 
     def __str__(self) -> str:
         name, known = self.args
@@ -142,12 +142,12 @@ class Log:
 
     @cached_property
     def signals(self) -> pa.Table:
-        """Table of all signals, one row per tick: float64, null for missing values, units and texts as metadata."""
+        """Table of all signals, one row per tick: float64, null for missing values, with units and descriptions."""
         return self._piece(0, self.rows.filled)
 
     @property
     def as_expected(self) -> bool:
-        """Whether the outcome of the run is the expected outcome of its scenario."""
+        """Whether the run ended with the outcome and the stop reason that its scenario expects."""
         return self.scenario.expects(self.outcome, self.metrics.get("stop_reason", ""))
 
     @property
@@ -170,7 +170,7 @@ class Log:
 
     @property
     def rut_table(self) -> pa.Table | None:
-        """Table of the cells with sinkage, or None on rigid ground. The metadata contain the cell size [m]."""
+        """Table of the ground cells with sinkage, or None on rigid ground. The metadata contain the cell size [m]."""
         if self.ruts is None:
             return None
         columns = {
@@ -191,7 +191,8 @@ class Log:
         return self.rows.poses[: self.rows.filled]
 
     def column(self, name: str) -> Array:
-        """Return column `name`, shape (ticks,). Raises ValueError for an unknown name, TypeError for another type."""
+        """Return column `name`, shape (ticks,). Raises ValueError for an unknown name, and TypeError if `name` is not a
+        string."""
         check_argument("name", name, isinstance(name, str), "the name of a column")
         if name not in self.rows.columns:
             raise MissingColumnError(name, self.rows.columns)

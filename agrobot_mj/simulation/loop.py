@@ -51,7 +51,7 @@ from agrobot_mj.terrain import height_and_gradient
 
 
 class Wiring(NamedTuple):
-    """State of the signal lines to both valves between two ticks, with voltages relative to neutral [V]."""
+    """State of the steering and pedal signal lines between two ticks, with voltages relative to neutral [V]."""
 
     steer: SignalLine = SignalLine(0.0)
     pedal: SignalLine = SignalLine(0.0)
@@ -98,7 +98,7 @@ class Stages:
 
 
 class Loop:
-    """Stages of a scenario with their states. A `tick` consists of `sense`, `decide` and `act`; `advance` follows."""
+    """Stages of a scenario with their states. Each `tick` (`sense`, `decide` and `act`) is followed by `advance`."""
 
     def __init__(self, scenario: Scenario, seen: Held[Truth] | None = None) -> None:
         """Create the stages in their initial state. `seen` is the true state of a saved run that is restored next."""
@@ -112,7 +112,7 @@ class Loop:
         method = "updated" if type(s.estimator).update is CompiledEstimator.update else "update"
         self.estimator = Stage("the estimator", s.estimator.kind, s.estimator, Estimate, read_only, method)
         self.fetches = type(self.guidance).update is not Following.update
-        """Whether the guidance law needs the estimate as a named tuple instead of a reference."""
+        """Whether the guidance law needs the estimate as a named tuple instead of a `Held` reference."""
         self.path = Stage("the path", s.path.kind, s.path, Reference, method="at")
         self.law = Stage("the guidance law", s.guidance.kind, self.guidance, Command, partial(steerable, s))
         faults, conditions = self.script.update(self.script.init(), 0.0, TICK_S)
@@ -135,26 +135,26 @@ class Loop:
         parts: dict[str, Any] = {"guidance": self.guidance, "supervisor": self.supervisor, "estimator": s.estimator}
         parts |= {"sensors.sensors": self.suite, "steering": s.steering.loop}
         self.reporting = [(p, attrgetter(at)) for at, p in parts.items() if type(p).report is not Reporting.report]
-        """Parts that report columns, each with a function that returns the state of the part from `stages`."""
+        """Components that report columns, each with a function that returns the component state from `stages`."""
         self.loops = Stage("the low-level loops", "steering.loop, speed", LowLevelLoops(s), Drive, method="drive")
 
     def _arm(self) -> tuple[float, float]:
-        """Return the configured distances [m] of the antenna ahead and to the left of the rear axle."""
+        """Return the configured distances [m] of the GNSS antenna ahead and to the left of the rear axle."""
         s = self.scenario
         if behind := self.towed.antenna:
             return -behind, 0.0
         return s.sensors.gnss.configured(s.tractor.antenna_ahead_m, s.tractor.antenna_left_m)
 
     def tick(self, command: Command | None = None) -> Tick:
-        """Compute a tick up to the valve voltages, with an external `command` or, by default, the guidance law.
+        """Compute a tick up to the valve voltages, with an external `command` or, by default, with the guidance law.
 
-        Call `advance` afterwards. Raises `NotFiniteError` with the name of the stage.
+        Call `advance` afterwards. Raises `NotFiniteError` with the name of the stage that returned a non-finite number.
         """
         measured, situation = self.now()
         return self.act(measured, situation, self.decide(measured, situation) if command is None else command)
 
     def now(self) -> tuple[Measurement, Situation]:
-        """Return measurement and guidance inputs of the present tick. The sensors are read once per tick."""
+        """Return the measurement and the guidance inputs of the present tick. The sensors are read once per tick."""
         if self.sensed is None or not self.has_sensed:
             self.sensed, self.has_sensed = self.sense(), True
         return self.sensed
@@ -252,12 +252,12 @@ class Loop:
         return values
 
     def learned(self) -> Learned:
-        """Return the values learned by guidance law and steering loop."""
+        """Return the values learned by the guidance law and the steering loop."""
         state = self.stages
         return {**self.guidance.learned(state.guidance), **self.scenario.steering.loop.learned(state.steering)}
 
     def check_reports(self) -> None:
-        """Raise `ScenarioError` unless each stage reports one number for each of its columns."""
+        """Raise `ScenarioError` unless law, estimator and sensors report one number for each of their columns."""
         state = self.stages
         for stage, remembered in ((self.law, state.guidance), (self.estimator, state.estimator)):
             check_report(stage.maker, stage.part.columns, stage.part.report(remembered))

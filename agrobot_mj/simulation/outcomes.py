@@ -13,11 +13,12 @@ STUCK_S = 10.0  # Time without motion after which a tractor with a command to dr
 STUCK_M = 0.3  # Maximum displacement of a stuck tractor [m]. Assumed value, equivalent to 0.03 m/s.
 STUCK_PEDAL = 0.05  # Minimum pedal position of a command to drive [-]. Assumed value, equivalent to 0.25 m/s.
 LEFT_M = 1.0
-"""Increase in the distance from the reference above which a tractor at rest is stuck [m]. Assumed value for 1 s."""
+"""Increase in distance from the reference above which a tractor at rest is stuck [m]. Assumed value: about 1 s of
+reference motion."""
 
 
 class Standstill(NamedTuple):
-    """Position and durations of a standstill."""
+    """Position and durations of a standstill of the tractor."""
 
     x: float = inf  # Position of the standstill [m], east, or infinity before the first tick
     y: float = inf  # Position of the standstill [m], north, or infinity before the first tick
@@ -35,8 +36,8 @@ class Watch:
     def trouble(self, truth: Here, distance: float, asked: float = 0.0, led: bool = True) -> str | None:
         """Return the outcome that ends the run after this tick, or None.
 
-        `distance` [m] is the distance from the reference, and `asked` [-] the pedal position commanded by the speed
-        loop. `led` states whether the tractor should follow the reference in this tick.
+        `distance` [m] is the distance from the reference, and `asked` [-] is the pedal position commanded by the speed
+        loop. `led` is True if the tractor should follow the reference in this tick.
         """
         found = self.plant.trouble()
         if found is not None:

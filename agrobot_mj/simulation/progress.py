@@ -51,7 +51,7 @@ class Count:
             self.number = progress.add_task(description, total=total, completed=done)
 
     def advance(self, count: int = 1, expected: bool = True, there: bool = False) -> None:
-        """Count finished tasks. `expected` states that they ended as expected, `there` that results already existed."""
+        """Count finished tasks: `expected` if they ended as expected, `there` if their results already existed."""
         self.done += count
         self.new += 0 if there else count
         self.failed += not expected
@@ -63,7 +63,7 @@ class Count:
 
     @contextmanager
     def breaking_silence(self) -> Iterator[None]:
-        """Print the elapsed time within the block whenever no line was printed for `SILENCE_S`."""
+        """During the context, print the elapsed time whenever no line was printed for `SILENCE_S`."""
         ended = Event()
 
         def print_time() -> None:
@@ -107,7 +107,7 @@ def tally(description: str, total: int, done: int = 0, quiet: bool = False) -> I
 
 
 def elapsed(description: str, quiet: bool) -> AbstractContextManager[None]:
-    """Return a context manager that prints the elapsed time on stderr every `SILENCE_S`."""
+    """Return a context manager that prints the elapsed time on stderr every `SILENCE_S`, unless `quiet`."""
     return nullcontext() if quiet else Count(description, 0, 0, None, quiet).breaking_silence()
 
 
@@ -125,11 +125,11 @@ class Progress:
         self.bar, self.rows, self.began, self.name = bar(), Rows(0, 0, 0), began, ""
 
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
-        """Store the rows and the name of the run. The bar appears with the first call of `advance`."""
+        """Store the log rows, whose number gives the progress, and the name of the run. `advance` displays the bar."""
         self.rows, self.name = rows, scenario.name or "run"
 
     def advance(self, first: int) -> None:
-        """Display or update the bar."""
+        """Display or update the progress bar."""
         if first == 0:
             self.began()
         if not self.bar:

@@ -1,4 +1,4 @@
-"""Transfer of fixes from a GNSS antenna off the rear axle to the rear axle, as in a guidance terminal.
+"""Transfer of fixes from the GNSS antenna to the rear axle, as in a guidance terminal.
 
 The terminal is configured with the distances of the antenna ahead and to the left of the rear axle. For an antenna on
 an implement, the distance is valid for straight driving, without hitch angle. The terminal moves the fix along the
@@ -6,7 +6,7 @@ heading of the tractor. With an inertial unit it also corrects the lever arm for
 for the height of the antenna.
 
 If the terminal used the estimated heading, errors of the estimate would move the fix, and the filter would interpret
-this displacement as motion. With position and heading gains k_R and k_psi and an antenna d ahead of the axle, the loop
+this displacement as motion. For position and heading gains k_R and k_psi and an antenna d ahead of the axle, the filter
 diverges if k_psi d > k_R. The heading is therefore the integral of a separate yaw rate, from the gyro or from steering
 angle and speed. This heading follows the estimate slowly.
 """
@@ -20,7 +20,7 @@ from agrobot_mj.core.kernels import fetched
 from agrobot_mj.core.signals import Estimate, Measurement
 
 SLOWLY_S = 3.0
-"""Time constant with which the heading follows the estimate [s]. Assumed value, limited by gyro bias and filter."""
+"""Time constant of the heading correction [s]. Assumed value: gyro bias requires a low value, the filter a high one."""
 
 
 class MountedReceiver(NamedTuple):
@@ -37,7 +37,7 @@ class MountedReceiver(NamedTuple):
         return measured.gyro if isfinite(measured.gyro) else self.speed * tan(measured.steer) / self.wheelbase
 
     def reduced(self, measured: Measurement) -> Measurement:
-        """Return the measurement with the fix moved to the rear axle, by the heading at the time of the fix."""
+        """Return the measurement with the fix moved to the rear axle, using the heading at the time of the fix."""
         fix = measured.fix
         if self.arm == (0.0, 0.0) or fix is None:
             return measured

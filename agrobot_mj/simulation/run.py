@@ -46,9 +46,9 @@ def run(
     The same scenario gives bit-identical signals on the same machine. `should_stop` is called every tick; the run ends
     as `aborted` if this function returns True.
 
-    Each of the `branches` switches the noise to other random streams, and states are stored for other runs. An empty
-    sequence only stores states. `ticks` may replace the loop over all ticks by a function that begins the run or
-    restores a state, and yields after each tick.
+    Each of the `branches` switches the noise to other random streams. If `branches` is given, even empty, states are
+    stored for other runs. `ticks` is a function that replaces the loop over all ticks: it begins the run or restores a
+    state, and yields after each tick.
 
     Raises `ScenarioError` for an infeasible tractor and for a guidance law that is an external program.
     """
@@ -80,7 +80,7 @@ def run_with_watchers(
     drive: Callable[[Simulation, Callable[[], None]], None],
     finish: Callable[[Log], Log] = lambda log: log,
 ) -> Log:
-    """Simulate with observers until `drive` returns, and return the log.
+    """Call `drive`, which simulates a run, inform the observers during the run, and return the log.
 
     `drive` must call its second argument after each tick. `finish` may extend the log before the observers receive it.
     """
@@ -109,7 +109,7 @@ class _Reporting:
         self.rows, self.watchers, self.reported, self.due = rows, watchers, 0, time.perf_counter() + REPORT_S
 
     def tell(self, at_the_end: bool = False) -> None:
-        """Call the observers if a call is due. The loop calls `tell` after each tick and once at the end."""
+        """Call the observers every CHUNK_TICKS rows or REPORT_S seconds. Called in each tick and at the end."""
         rows = self.rows
         if at_the_end or rows.filled - self.reported >= CHUNK_TICKS or time.perf_counter() > self.due:
             for watcher in self.watchers:

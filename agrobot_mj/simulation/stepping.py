@@ -5,8 +5,8 @@
 >>> while not sim.done:
 ...     m = sim.step(steer=0.05, speed=1.2)
 
-Without arguments, `step()` uses the guidance law of the scenario, as in `run`. A command consists of a speed and of a
-steering angle, a valve voltage, a yaw rate or a curvature. `drive` is for external guidance programs.
+Without arguments, `step()` uses the guidance law of the scenario, as in `run`. A command consists of a speed and one
+steering value: angle, valve voltage, yaw rate or curvature. `drive` is for external guidance programs.
 """
 
 from collections.abc import Mapping
@@ -108,11 +108,11 @@ class Simulation:
         At most one of `steer` [rad], `curvature` [1/m], `yaw_rate` [rad/s] and `steer_voltage` [V, 0-12, neutral at 6]
         may be given, all positive to the left. Without a steering argument the guidance law of the scenario steers.
         Default of `speed` [m/s]: the speed of the guidance law or, with a steering argument, of the reference. The
-        supervisor only monitors the guidance law.
+        supervisor is active only while the guidance law steers.
 
-        A step is atomic: signals are delayed to its end, and an error of a guidance law restores the previous state.
-        Raises `CommandError` for an invalid command, after the end of the run, and while another thread uses the
-        simulation.
+        A step is atomic: system signals are delayed until its end, and after an error of a guidance law the previous
+        state is restored. Raises `CommandError` for an invalid command, after the end of the run, and while another
+        thread uses the simulation.
         """
         given = {}
         if not steer is curvature is yaw_rate is steer_voltage is None:
@@ -190,7 +190,7 @@ class Simulation:
             self._diverge(str(error))
 
     def _diverge(self, reason: str) -> None:
-        """End the run as `diverged`. An empty log receives one row, which contains only t = 0."""
+        """End the run as `diverged`. An empty log receives one row with t = 0 and missing values."""
         self.outcome, self.reason = "diverged", reason
         plant, unknown = self.loop.plant, [nan] * (len(COLUMNS) - 1)
         if not self.rows.filled:
@@ -205,7 +205,7 @@ class Simulation:
         return NOTHING if self.done and self.loop.sensed is None else self._now()[0]
 
     def _seen(self) -> tuple[Measurement, Situation]:
-        """Return `_now` for external callers. Reading the sensors requires exclusive access to the simulation."""
+        """Return the result of `_now` for external callers, with exclusive access while the sensors are read."""
         if self.done or self.loop.has_sensed:
             return self._now()
         with self._guard:
@@ -220,7 +220,7 @@ class Simulation:
         return self.loop.sensed
 
     def save(self, rows: SavedRows | None = None) -> Snapshot:
-        """Return a snapshot, from which `restore` continues bit-identically. Takes less than half a tick.
+        """Return a snapshot, from which `restore` continues bit-identically. Saving takes less time than half a tick.
 
         `rows` replaces the copy of the log in the snapshot.
         """
@@ -258,7 +258,7 @@ class Simulation:
         self._broken_off, self._evaluation.progress = False, None
 
     def branch(self, number: int) -> None:
-        """Continue with different noise: the random generators of all stages switch to the streams `number`.
+        """Continue with different noise: the random generators of all stages switch to the streams with index `number`.
 
         Past signals, constant random values (ground, biases) and current values of random walks do not change. Raises
         TypeError unless `number` is an integer.

@@ -36,7 +36,7 @@ def compare(comparison: Comparison, folder: Path, jobs: int | None = None, quiet
 
     The row of a failed run contains no tracking errors; metrics.json of the run contains the measured values. If a run
     raised an exception, its row contains `error` and no metrics. The figures and the common recording contain the first
-    seed of the first `MOST_DRAWN` laws.
+    `MOST_DRAWN` laws with the first seed.
     """
     store = Store(folder, comparison)
     with results(folder, (*FILES, *store.names)):
@@ -109,7 +109,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
     `rows` are the rows of comparison.json. Column `/ pd` is the lateral mean square error divided by the error of a
     reference law: the first law with the controller `pd` and the same plant, variant, seed and path segment. Failed
     runs have no error values. The columns variant, guidance, seed and segment are included if their values differ.
-    Empty numeric columns are omitted.
+    Numeric columns without values are omitted.
     """
     of_pd = [row for row in reversed(rows) if row["controller"] == "pd"]
     pd_mse = {_place(row): error_of(row, "lateral_mse") for row in of_pd}
@@ -159,7 +159,7 @@ def notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 def conclusion(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return one sentence per plant that names the law with the minimum lateral mean square error.
 
-    A plant without a law that is best with every seed is omitted.
+    Plants for which no law is best with every seed are omitted. Without comparable errors, the list is empty.
     """
     if any(error_of(row, "lateral_mse") is None for row in rows) or len({row.get("piece") for row in rows}) > 1:
         return []
@@ -188,8 +188,8 @@ def _plants(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _is_shown(rows: Sequence[Mapping[str, Any]], name: str) -> bool:
-    """Return whether the table includes the column `name`: plant always, controller if used, other columns if values
-    differ."""
+    """Return whether the table includes the column `name`: always for the plant, if used for the controller, and
+    otherwise if the values differ."""
     values = {row.get(name) for row in rows}
     return name == "plant" or len(values) > 1 or (name == "controller" and values != {None})
 

@@ -21,13 +21,13 @@ from agrobot_mj.studies.sweep.schema import BASE, Sweep, SweepFile, SweepVariant
 
 PLANTS = ("bicycle", "mujoco")
 CONTROLLERS = ("pd", "pd_t2fnn")
-"""Default controllers of a comparison without controllers, guidance laws or variants."""
+"""Default controllers of a comparison for which no controllers, guidance laws or variants are given."""
 MOST_RUNS = 2000
-"""Default maximum number of runs of a comparison: one to three hours on one core with the figure-eight."""
+"""Default maximum number of runs of a comparison, which take one to three hours on one core for the figure-eight."""
 MOST_DRAWN = 24
 """Maximum number of laws in figures and in the common recording, so that their lines are distinguishable."""
 OWN_OPTIONS = {"plant": "--plants", "plant.kind": "--plants", "seed": "--seeds"}
-"""Command-line options for keys that variants must not set, by key."""
+"""Keys that variants must not set, each with the command-line option to use instead."""
 
 
 class CompetingLaw(NamedTuple):
@@ -50,7 +50,7 @@ class Case(NamedTuple):
 
     @property
     def controller(self) -> str | None:
-        """Kind of the yaw controller, or None for a guidance law without yaw controller."""
+        """`kind` of the yaw controller, or None for a guidance law without a yaw controller."""
         s = self.scenario
         return s.controller.kind if _takes_controller(s) else None
 
@@ -75,7 +75,7 @@ class Comparison(SweepPlan):
 
     @cached_property
     def drawn(self) -> list[int]:
-        """Indices of the runs in figures: runs with the first seed of the first `MOST_DRAWN` laws."""
+        """Indices of the runs drawn in figures: runs with the first seed of the first `MOST_DRAWN` laws."""
         laws = list(dict.fromkeys(case.law for case in self.cases))[:MOST_DRAWN]
         first = self.cases[0].seed
         return [number for number, case in enumerate(self.cases) if case.seed == first and case.law in laws]
@@ -110,7 +110,7 @@ def plan(
     """Return the checked plan of all combinations of laws, plants and seeds. The first seed is the seed of `scenario`.
 
     Default of `plants`: for each law, all plants that can run it. Explicit `plants` must be able to run all laws. Raise
-    `ScenarioError` for an invalid run.
+    `ScenarioError` if a run is invalid.
     """
     laws = competing(scenario, controllers, guidance, variants)
     able, left_out = (list(plants), []) if plants is not None else runnable(scenario)
@@ -140,8 +140,8 @@ def competing(
     guidance: Sequence[str] | None,
     variants: Sequence[SweepVariant],
 ) -> list[CompetingLaw]:
-    """Return the laws to compare: named laws, combined with the variants of machine, field or path, and variants that
-    are laws."""
+    """Return the laws to compare: each named law with each variant of machine, field or path, and variants that are
+    laws."""
     _check_variants(variants)
     own = [variant for variant in variants if _is_law(variant)]
     conditions = [variant for variant in variants if not _is_law(variant)]
@@ -164,7 +164,7 @@ def _is_law(variant: SweepVariant) -> bool:
 def _named(
     scenario: Scenario, controllers: Sequence[str] | None, guidance: Sequence[str] | None, varied: bool
 ) -> list[CompetingLaw]:
-    """Return the laws for lists of controller and guidance kinds. Default: `CONTROLLERS`."""
+    """Return the laws for lists of controller and guidance kinds. Without lists and variants, use `CONTROLLERS`."""
     if controllers is None and not guidance:
         if varied:
             return []

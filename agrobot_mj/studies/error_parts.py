@@ -15,7 +15,7 @@ Row = Mapping[str, Any]
 
 
 def remarks(cases: Mapping[str, Sequence[Row]]) -> list[str]:
-    """Return remarks on the runs of named cases: dominant estimation errors, and warnings about estimates."""
+    """Return remarks on the runs of named cases: estimation errors that dominate, and warnings about estimates."""
     rows = [row for some in cases.values() for row in some]
     return [*([text] if (text := _dominance(cases, rows)) else []), *_warnings(rows)]
 
@@ -52,7 +52,7 @@ def _warnings(rows: Sequence[Row]) -> list[str]:
 
 
 def table_warnings(table: Path) -> list[str]:
-    """Return the warnings about estimates in a sweep table as a list of one sentence, or an empty list without
+    """Return one sentence about the estimate warnings in a sweep table, as a list that is empty if there are no
     warnings."""
     column = "estimate_warning"
     if not table.is_file() or column not in pq.read_schema(table.absolute()).names:
@@ -67,5 +67,5 @@ def mean_nees(rows: Sequence[Row]) -> float | str:
 
 
 def _most(texts: Sequence[str | None]) -> str:
-    """Return the most frequent text, or an empty string if None is most frequent."""
+    """Return the most frequent text, or an empty string if None is the most frequent element."""
     return Counter(text or "" for text in texts).most_common(1)[0][0]

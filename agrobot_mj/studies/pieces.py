@@ -15,9 +15,9 @@ APART = 0.01  # Maximum distance between corresponding points of equal segments 
 
 
 def pieces(scenarios: Iterable[Scenario]) -> list[int]:
-    """Return the path segment number of each scenario, from 1. Scenarios on the same segment have the same number.
+    """Return the path segment number of each scenario, counted from 1. Equal segments have the same number.
 
-    Runs to the end of a path cover the same segment at any speed. Runs of equal duration at different speeds do not.
+    Runs to the end of a path cover the same segment at any speed. Runs of equal duration do so only at equal speed.
     """
     known: dict[object, int] = {}
     different: list[Array] = []
@@ -35,7 +35,7 @@ def pieces(scenarios: Iterable[Scenario]) -> list[int]:
 
 
 def at_speed(scenario: Scenario, speed: float) -> Scenario:
-    """Return the scenario with another speed [m/s]. A specified duration is adapted to cover the same path segment."""
+    """Return the scenario with another speed [m/s]. A specified duration is adapted to keep the same path segment."""
     changed = scenario.changed({"path.speed_m_s": speed})
     if scenario.duration_s is None:
         return changed

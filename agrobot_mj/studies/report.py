@@ -29,11 +29,11 @@ PATH_STEP_M, MOST_PATH_POINTS = 0.25, 20_000
 KEY_IN, LETTER_IN = 0.45, 0.058  # Width of a legend entry without its text, and mean width of a letter of 8 pt [in]
 ZOOM_M = (6.0, 3.0)  # Width and height of the enlarged part of the trajectory [m]
 LOST = {"[m]": 5.0, "[rad/s]": 1.5, "[deg]": 50.0}
-"""Maximum plotted values by axis unit. Curves with larger values do not affect the axis range of a panel."""
+"""Maximum plotted values by axis unit. Curves that exceed these values do not affect the common axis range."""
 
 
 class ReportedRun(NamedTuple):
-    """Run to be drawn in the figures of a comparison."""
+    """Run that is drawn in the figures of a comparison."""
 
     plant: str
     law: str  # Name of the law: a yaw controller, a guidance law, or a variant
@@ -128,7 +128,7 @@ def yaw_rate_error(runs: Runs) -> Figure | None:
 
 
 def q(runs: Runs) -> Figure | None:
-    """Draw the network parameter q over time, with one row per law that has q."""
+    """Draw the network parameter q over time, with one row per law whose network has this parameter."""
 
     def draw(axes: Axes, run: ReportedRun) -> None:
         axes.plot(run.log.column("t"), run.log.column("q"), color=_colour(runs, run.law))
@@ -277,7 +277,7 @@ def _smooth(t: Array, values: Array) -> Array:
 
 
 def _extent(run: ReportedRun) -> tuple[Array, Array]:
-    """Return two opposite corners of the plotted area [m]: the path with a margin, with a height up to the width."""
+    """Return two opposite corners of the plotted area [m]: the path with a margin. The area is not higher than wide."""
     path = run.log.scenario.path
     points = sample(path, np.linspace(*path.turns_s[0], 500))
     low, high = points.min(axis=0), points.max(axis=0)
@@ -287,7 +287,7 @@ def _extent(run: ReportedRun) -> tuple[Array, Array]:
 
 
 def _worst_place(runs: Runs) -> Array:
-    """Return the path point with the maximum lateral error, summed over all runs [m]. Each error is limited to 1 m."""
+    """Return the path point [m] at the maximum sum of the lateral errors of all runs. Each error is limited to 1 m."""
     longest = max((run.log for run in runs), key=lambda log: len(log.column("t")))
     t = np.append(longest.column("t"), 0.0)
     total = np.zeros(len(t))

@@ -1,4 +1,4 @@
-"""Reading of results folders. Damaged files and rows of different code versions are errors."""
+"""Functions that read results folders. Damaged files, and rows from different code versions, raise `ScenarioError`."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -13,7 +13,7 @@ DAMAGED = (LookupError, ValueError, TypeError, AttributeError, RecursionError)
 
 @contextmanager
 def reporting_damage(file: Path, done: str) -> Iterator[None]:
-    """Convert exceptions while `file` is read to `ScenarioError`. `done` is the verb in the message, such as "read"."""
+    """Convert exceptions due to a damaged `file` to `ScenarioError`; `done` is a participle, as in "cannot be read"."""
     try:
         yield
     except ScenarioError:
@@ -25,7 +25,7 @@ def reporting_damage(file: Path, done: str) -> Iterator[None]:
 
 
 def code_of(rows: Iterable[Mapping[str, Any]], folder: Path) -> str:
-    """Return the code version of all rows as text. Raise `ScenarioError` if the rows have different versions."""
+    """Return the common code version of all rows as text. Raise `ScenarioError` if the rows have different versions."""
     found = [read_identity(row.get("identity")) for row in rows if row.get("error") is None]
     codes = sorted({identity.code if identity else "unknown" for identity in found})
     if len(codes) > 1:

@@ -29,7 +29,7 @@ from agrobot_mj.simulation.results import atomic
 
 COLOURS = {"pd": VERMILION, "pd_isgn": ORANGE, "pd_t1fnn": GREEN, "pd_t2fnn": BLUE}
 SPARE_COLOURS = (PINK, SKY_BLUE, BROWN, YELLOW, ROYAL_BLUE, WINE, OLIVE)
-"""Colours of laws without an assigned colour, in order of appearance. Grey is excluded, because it resembles the
+"""Colours of laws without an assigned colour, in the order of the laws. Grey is excluded, because it resembles the
 reference."""
 STYLE: dict[Any, Any] = {
     "font.size": 8,
@@ -50,7 +50,7 @@ DPI = 200
 
 
 def law_name(kind: str) -> str:
-    """Return the name of a law in figures for its `kind`. Unknown kinds are returned unchanged."""
+    """Return the name used in figures for the law of a given `kind`. Unknown kinds are returned unchanged."""
     fields = (Scenario.model_fields[family] for family in ("guidance", "controller"))
     law = next((law for field in fields if (law := members(field.annotation).get(kind))), Spec)
     return str(vars(law).get("label", kind))

@@ -16,7 +16,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.recording.plots.catalogue import Plot
 
 TAB_PIXELS, BARS_PIXELS, STEP_PIXELS = 750.0, 55.0, 20.0
-"""Sizes [pixels]: height of all plots of a tab, height of title and time axis of a plot, minimum distance of labels."""
+"""Sizes [pixels]: height of all plots of a tab, height of title and time axis of a plot, minimum label distance."""
 MARGIN = 0.04  # Margin above and below the values [fraction of the range], so that the outermost label is complete
 THIRD = 1.6  # Maximum factor by which an axis is extended to obtain a third label [-]
 USUAL_STEPS, FEW_STEPS = 6.0, 1.35
@@ -33,11 +33,11 @@ CORNERS: Mapping[Corner2D, tuple[bool, bool]] = {
     Corner2D.RightBottom: (True, False),
     Corner2D.LeftBottom: (False, False),
 }
-"""Corners for a legend in order of preference, each with two flags: whether it is on the right, and at the top."""
+"""Corners for a legend in order of preference, each with two flags: corner on the right, corner at the top."""
 LEGEND_PIXELS = 52.0, 7.5, 14.0, 24.0
 """Size of a legend: width without text, width per character, height without entries, height per entry [pixels]."""
 MOST_HIDDEN, MOST_ROOM = 0.06, 0.25
-"""Maximum fraction of points hidden by a legend, and maximum fraction of an axis reserved for it [-]. Assumed
+"""Maximum fraction of points hidden by a legend, and maximum fraction of an axis reserved for the legend [-]. Assumed
 values."""
 PLOT_PIXELS, BESIDE_PIXELS = (420.0, 180.0), (520.0, 180.0)
 """Width and height of a plot [pixels]: on a tab with nine plots, and next to the scene in a column of three plots."""
@@ -82,7 +82,7 @@ def frame(t: Array, numbers: Array, plot: Plot, beside: bool) -> Frame:
 
 
 def legend_size(names: Sequence[str], of: tuple[float, float] = PLOT_PIXELS) -> tuple[float, float]:
-    """Return the width and height of a legend with `names`, as fractions of the plot size `of` [pixels]."""
+    """Return the width and height of a legend with `names`, divided by the plot width and height in `of` [pixels]."""
     (width, character, height, line), most = LEGEND_PIXELS, max(map(len, names), default=0)
     return (width + character * most) / of[0], (height + line * len(names)) / of[1]
 
@@ -90,8 +90,8 @@ def legend_size(names: Sequence[str], of: tuple[float, float] = PLOT_PIXELS) -> 
 def free_corner(along: Array, numbers: Array, values: Range, size: tuple[float, float]) -> tuple[Corner2D, int]:
     """Return the corner in which a legend hides the fewest points, and the number of hidden points.
 
-    `numbers` (n, series) are the plotted values, and `along` (n,) their positions on the time axis [-]. `size` is the
-    size of the legend as fractions of the plot [-].
+    `numbers` (n, series) are plotted values, and `along` (n,) are their positions divided by the time axis length [-].
+    `size` is the width and height of the legend as fractions of the plot [-].
     """
     up = (numbers - values.low) / (values.high - values.low)
 
@@ -106,7 +106,7 @@ def free_corner(along: Array, numbers: Array, values: Range, size: tuple[float, 
 
 
 def readable(low: float, high: float, most_steps: float) -> tuple[float, float]:
-    """Return the range from `low` to `high`, extended so that an axis with at most `most_steps` steps has two
+    """Return the range from `low` to `high`, extended so that an axis with at most `most_steps` steps has at least two
     labels."""
     span = high - low
     step = 10.0 ** ceil(log10(span * (1 + 2 * MARGIN) / most_steps) - 1e-9)
@@ -139,7 +139,7 @@ def pixels(values: Range | None) -> float:
 def value_range(values: Array, includes: Sequence[float] = (), may_be_cut: bool = False) -> Range | None:
     """Return the range of the finite `values` and of `includes`, or None (automatic range) if all values are equal.
 
-    If `may_be_cut`, the range excludes rare large values.
+    If `may_be_cut` is True, the range excludes rare large values.
     """
     finite = values[np.isfinite(values)]
     if not finite.size:

@@ -132,7 +132,7 @@ PLOTS = (
 DRIVE = ("tracking/", "yaw_rate/loop", "control/command")  # Path prefixes of the plots next to the scene
 
 DIFFERENCE = "difference"
-"""Name of a signal of comparisons: cross-track error minus the cross-track error of the first run."""
+"""Name of a signal in comparisons: cross-track error minus the cross-track error of the first run."""
 COMPARED = (
     _single("cross_track", "Cross-track error, left +", "m", "", "cross_track"),
     _single("difference", "Cross-track error minus that of", "m", "", DIFFERENCE),
@@ -169,7 +169,7 @@ def _title(column: Column) -> str:
 
 
 def derived(rows: Rows, first: int) -> dict[str, Array]:
-    """Return estimation errors and 3 sigma bounds in SI units, computed from the log rows from `first`."""
+    """Return the estimation errors and their 3 sigma bounds in SI units, for the log rows from `first`."""
 
     def of(name: str) -> Array:
         return rows.column(name, first)

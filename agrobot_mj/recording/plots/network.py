@@ -41,11 +41,11 @@ height]."""
 MOST_SHARE = 1e3  # Normalised firing strength above which the network has diverged and heat maps are omitted [-]
 PICTURE, LABELS = rr.DepthImage.descriptor_buffer(), rr.Points2D.descriptor_labels()
 INPUTS = {"1": "deg/s", "2": "deg/s2"}
-"""Units of the network inputs: 1, yaw-rate error; 2, derivative of the yaw-rate error."""
+"""Units of both network inputs: the yaw-rate error and its derivative."""
 
 
 class Map(NamedTuple):
-    """Heat map of firing strengths. A row is a fuzzy set of input x1, and a column is a fuzzy set of input x2."""
+    """Heat map of firing strengths. Each row is a fuzzy set of input x1, and each column is a fuzzy set of input x2."""
 
     entity: str
     title: str
@@ -54,7 +54,7 @@ class Map(NamedTuple):
 
 
 def network_plots(columns: Sequence[str]) -> list[Plot]:
-    """Return the plots of the network parameters in the log `columns`, or an empty list for a run without network."""
+    """Return the plots of the network parameters in the log `columns`, or an empty list for a run without a network."""
     if not family("c1", columns):
         return []
     return [
@@ -80,14 +80,14 @@ def _sets(path: str, title: str, k: str, families: tuple[str, ...], columns: Seq
 
 
 def _rule(column: str) -> Series:
-    """Return the plot line of a rule consequent. Its colour depends on the set of x2, and its width on the set of
+    """Return the plot line of a rule consequent. Its colour depends on the fuzzy set of x2, its width on the set of
     x1."""
     i, j = (int(number) for number in column.split("_")[1:])
     return Series(f"{i},{j}", column, COLOURS[j % len(COLOURS)], wider=i)
 
 
 def _set(column: str) -> Series:
-    """Return the plot line of a fuzzy-set parameter. Its colour depends on the set, and its width on the bound."""
+    """Return the plot line of a fuzzy-set parameter. Colours distinguish the sets; line widths, the two bounds."""
     kind, _, number = column.rpartition("_")
     bound = kind[1:].partition("_")[2]
     return Series(
@@ -106,7 +106,7 @@ def family(start: str, columns: Sequence[str]) -> list[str]:
 
 
 def network_columns(columns: Sequence[str]) -> list[str]:
-    """Return the network columns of a log, or an empty list for a run without network."""
+    """Return the network columns of a log, or an empty list for a run without a network."""
     if not family("c1", columns):
         return []
     starts = ("c1", "c2", "d1_lower", "d1_upper", "d2_lower", "d2_upper", "f", "w_lower", "w_upper")

@@ -28,14 +28,14 @@ MEAN_S = 2.0  # Window length of the moving mean [s]: two furrows of 0.75 m at 0
 MEAN_TICKS = 5  # Number of ticks between points of the moving mean
 MEAN = "mean"  # Name of the entity with the moving means, below the entity of the plot
 WINDOWS = 100
-"""Number of windows for evaluating the noise of a run. A window is 6 pixels wide, so that the lines in it overlap."""
+"""Number of time windows for evaluating the noise of a run. Noise lines overlap in a window, which is 6 pixels wide."""
 MOST_NOISE = 0.1
 """Noise above which a moving mean is drawn [-]: mean noise amplitude in the noisier half of the windows, divided by the
 signal range. Assumed value."""
 
 
 class _Lines(NamedTuple):
-    """Plot with the table columns and conversion factors of its series."""
+    """Plot with the log columns and conversion factors of its series."""
 
     plot: Plot
     columns: Index  # Column of each series in the table of all signals
@@ -46,7 +46,7 @@ class Signals:
     """Recorder of plots from blocks of log rows."""
 
     def __init__(self, rows: Rows, more: Sequence[Plot] = (), without: Collection[str] = ()) -> None:
-        """Select the catalogue plots with existing columns, without the columns `without`, and add the plots `more`."""
+        """Select the catalogue plots with logged columns, except the columns `without`, and add the plots `more`."""
         self.rows, self.shown = rows, list[Plot]()
         known = {name: k for k, name in enumerate((*rows.columns, *derived(rows, 0)))}
         self.lines = [
@@ -140,7 +140,7 @@ def send_means(stream: rr.RecordingStream, plot: Plot, t: Array, means: Array) -
 
 
 def style(plot: Plot, opacity: int = 0xFF, width: float = WIDTH) -> rr.SeriesLines:
-    """Return names, colours and widths of the lines of a plot. Spikes remain visible at low zoom."""
+    """Return names, colours and widths of the lines of a plot. Zoomed-out lines still show all spikes."""
     colours = [series.colour & ~0xFF | opacity for series in plot.series]
     return rr.SeriesLines(
         names=plot.names,

@@ -20,7 +20,7 @@ GOOD, DOUBTFUL, BAD, PLAIN = rgba(GREEN), rgba(ORANGE), rgba(VERMILION), 0x56708
 
 
 class Lane(NamedTuple):
-    """Lane of a state over time. A state is an index, from 0, in `labels` and `colours`."""
+    """Lane of a state over time. A state is an index, counted from 0, into `labels` and `colours`."""
 
     path: str
     labels: tuple[str, ...]
@@ -66,7 +66,7 @@ RUN = Lane("run", (RUNNING, *ENDS), (PLAIN, *ENDS.values()))
 
 
 def by_subject(faults: Sequence[Scripted]) -> dict[str, tuple[Scripted, ...]]:
-    """Return the faults grouped by subject, the affected component. Each group has one lane."""
+    """Return the faults grouped by the affected component (subject). Each group has one lane."""
     subjects = dict.fromkeys(fault.subject for fault in faults)
     return {subject: tuple(fault for fault in faults if fault.subject == subject) for subject in subjects}
 

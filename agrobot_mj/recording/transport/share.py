@@ -96,7 +96,7 @@ def _base64(data: bytes) -> str:
 
 
 def viewer_files() -> Mapping[str, bytes]:
-    """Return the files of rerun-sdk's web viewer by name. Raise OSError if its server does not start."""
+    """Return the files of rerun-sdk's web viewer by name. Raise OSError if the viewer server does not start."""
     web = free_port()
     ports = ("--port", str(free_port()), "--web-viewer-port", str(web))
     command = (*RERUN, "--web-viewer", "--bind", "127.0.0.1", *ports)

@@ -31,7 +31,7 @@ FULL_BYTES = 200_000
 """Free space below which a disk counts as full [bytes]. On a full disk, Rerun writes incomplete chunks without an
 error."""
 LEAST_BYTES = 10_000
-"""Minimum file size limit (`ulimit -f`) of the process [bytes]. Below this limit, Rerun waits forever."""
+"""Minimum of the file size limit (`ulimit -f`) for a recording [bytes]. Below this limit, Rerun waits forever."""
 
 
 class Sink:

@@ -1,6 +1,6 @@
 """Event markers in the scene: start and end of faults, steering saturation, and outcome of the run.
 
-A marker is a labelled point at the position of the tractor at the event, visible from then on. The outcome of a run
+A marker is a labelled point at the tractor position at the time of the event, and remains visible. The outcome of a run
 that was not completed is marked above the tractor.
 """
 

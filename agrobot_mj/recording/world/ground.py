@@ -1,4 +1,4 @@
-"""Ground mesh of tiles in two shades, which make motion visible. The mesh is finer at relief and patch borders.
+"""Ground mesh of dark and light tiles, which make motion visible. The mesh is finer at relief and patch borders.
 
 Coarse tiles cover the field around the path. Tiles with relief or at the border of soil patches are subdivided, nearest
 to the path first, up to a maximum number of vertices. Relief is coloured by height and shaded with light from the
@@ -20,7 +20,7 @@ from agrobot_mj.terrain.grid import Surface, heights
 Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 MARGIN_M = 50.0  # Width of the ground drawn around the path [m]. A tractor farther away has diverged.
 APRON_M, APRON_STEPS = 400.0, 8
-"""Width of the apron, a surface around the tiles [m], and number of its segments per side [-]."""
+"""Width [m] of the apron, which is the surface around the tiles, and number of its segments per side [-]."""
 TILE_M = 2.0  # Side length of a tile [m]. Fields that would need more than `MOST_TILES` have larger tiles.
 MOST_TILES = 6_000
 MOST_VERTICES = 60_000
@@ -175,8 +175,8 @@ def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Mask, Steps]:
 
 
 def _straight(ground: Ground, field: _Field, tiles: Index, most: int) -> tuple[bool, bool]:
-    """Return whether the relief of `tiles` (n, 2) is straight along x, and along y. Furrows are often straight along
-    one axis."""
+    """Return whether the relief of `tiles` (n, 2) is straight along x, and whether it is straight along y. Furrows are
+    often straight along one axis."""
     if ground.is_plane or not len(tiles):
         return False, False
     z = heights(ground, *field.points(tiles[:: max(1, len(tiles) // 100)], (most, most)))
@@ -187,7 +187,7 @@ def _straight(ground: Ground, field: _Field, tiles: Index, most: int) -> tuple[b
 
 
 def _bordered(surface: Surface, field: _Field, tiles: Index) -> Mask:
-    """Return a mask (n,) of the `tiles` (n, 2) with several soil types, including a margin for blending colours."""
+    """Return a mask (n,) of the `tiles` (n, 2) that, with a margin for blending colours, contain several soil types."""
     friction, cone_index = properties(surface, *field.points(tiles, (9, 9), BLEND_M))
     found: Mask = (np.ptp(friction, axis=(1, 2)) > 0) | (np.ptp(cone_index, axis=(1, 2)) > 0)
     return found
@@ -251,7 +251,7 @@ def _fine(ground: Ground, field: _Field, fine: Mask, corners: Array, steps: Step
 def _part(nodes: tuple[Array, Array, Array], tilts: tuple[Array, Array], squares: Array) -> _Part:
     """Return the mesh part of n tiles.
 
-    `nodes` (x, y, z) [m] and the slopes `tilts` are arrays of shape (n, rows, columns); `squares` (n,) are the shades.
+    `nodes` (x, y, z) [m] and slopes `tilts` have shape (n, rows, columns); `squares` (n,) is the shade of each tile.
     """
     count, rows, columns = nodes[0].shape
     normals = np.stack([-tilts[0], -tilts[1], np.ones(nodes[0].shape)], axis=-1)
@@ -287,7 +287,7 @@ def _cells(rows: int, columns: int) -> Index:
 
 
 def properties(surface: Surface, x: Array, y: Array) -> tuple[Array, Array]:
-    """Return the friction scale [-] and cone index [Pa] at `x` and `y` [m]. A cone index of 0 is unspecified."""
+    """Return the friction scale [-] and cone index [Pa] at `x` and `y` [m]. Unspecified cone indices are 0."""
     rows, columns = surface.friction.shape
     i, j = (np.floor((v - v0) / surface.spacing).astype(int) for v, v0 in ((x, surface.x0), (y, surface.y0)))
     there = (i >= 0) & (i < columns) & (j >= 0) & (j < rows)

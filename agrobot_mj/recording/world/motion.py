@@ -29,7 +29,7 @@ THICKNESS_M, REACH_M = 1e-3, 0.2
 
 
 class Belief:
-    """Recorder of the uncertainty ellipse of the estimated position at every tick."""
+    """Recorder of the uncertainty ellipses of the estimated position, one per tick."""
 
     def __init__(self, rows: Rows, ground: Ground) -> None:
         self.rows, self.ground = rows, ground
@@ -64,7 +64,7 @@ def ellipses(p_xx: Array, p_xy: Array, p_yy: Array) -> tuple[Array, Array]:
 
 
 def _laid(axis: Array, dx: Array, dy: Array) -> Array:
-    """Return rotation matrices (n, 3, 3) that align a plane with ground of the slopes `dx`, `dy` (n,) [-].
+    """Return rotation matrices (n, 3, 3) that align a plane with the ground, whose slopes are `dx`, `dy` (n,) [-].
 
     Seen from above, the first axis of the plane has the direction `axis` (n, 2).
     """

@@ -19,7 +19,7 @@ AHEAD_M, BEHIND_M, LAST_M = 1.9, (1.3, 2.0), 3.4
 """Distances of labels from the default tractor [m]: reference ahead; true and estimated track behind; reference behind
 at the end of the path."""
 IN_VIEW = 0.7
-"""Tractor size divided by the distance of the farthest body [1/m] for legible labels in a view of all bodies."""
+"""Drawing scale divided by the distance of the farthest body [1/m], for legible labels in a view of all bodies."""
 EVERY_TICKS = 2  # Number of ticks between recorded positions of a name
 
 
@@ -51,9 +51,9 @@ class TrackNames:
 
 
 def size_in_view(size: float, places: Array) -> float:
-    """Return the tractor size for a view of bodies at `places` (n, 2) [m], divided by the default size [-].
+    """Return the drawing scale (tractor size divided by default size) for a view of bodies at `places` (n, 2) [m].
 
-    The first body is the tractor. Distant bodies increase the size, which scales the distances of camera and labels.
+    The first body is the tractor. Distant bodies increase the scale of the camera and label distances.
     """
     return max(size, IN_VIEW * float(np.hypot(*(places - places[0]).T).max()))
 

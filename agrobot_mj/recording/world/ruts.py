@@ -14,7 +14,7 @@ from agrobot_mj.terrain.memory import RutMap
 
 ENTITY = "world/ruts"
 DRAWN_M, MOST_SQUARES = 0.1, 60_000
-"""Side of the drawn squares [m], and maximum number of squares. The side is doubled until this number is sufficient."""
+"""Initial side length of drawn squares [m], doubled until their number is permitted, and their maximum number [-]."""
 LIFT_M = 0.003  # Height of the squares above the ground, below tyre marks and path [m]
 PIECE_S = 5.0  # Driving time covered by one segment of the ruts [s]
 PLACE_M = 0.5  # Size of the grid cells used to find the wheel that passes a point [m]
@@ -35,7 +35,7 @@ def send_ruts(stream: rr.RecordingStream, ruts: RutMap, ground: Ground, t: Array
 
 
 def _squares(ruts: RutMap) -> tuple[Array, float]:
-    """Return centre and mean depth of the drawn squares, shape (n, 3) [m], and their side [m]."""
+    """Return centre and mean depth of the drawn squares, shape (n, 3) [m], and their side length [m]."""
     side = ruts.cell * max(1, round(DRAWN_M / ruts.cell))
     while True:
         keys = np.stack([np.floor(ruts.x / side), np.floor(ruts.y / side)], axis=1).astype(np.int64)

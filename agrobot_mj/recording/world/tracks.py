@@ -1,6 +1,6 @@
 """Tracks of the tractor: true position, estimated position, and GNSS fixes.
 
-Tracks are sent in short segments, each at the time of its end. The layout shows all segments up to the current time.
+Tracks are sent in short segments, each with its end time. The layout shows all segments up to the current time.
 """
 
 from typing import NamedTuple
@@ -22,8 +22,8 @@ PIECE_TICKS = 5  # Number of ticks per segment of a track: 0.3 m at 1.2 m/s
 FIX_COLOURS = np.array([rgba(VERMILION), rgba(ORANGE), rgba(GREEN), rgba(ORANGE)], dtype=np.uint32)
 """Colours of GNSS fixes by quality: none, float, fix, DGPS."""
 FIX_LIFT_M, FIX_RADIUS_M = 0.012, 0.02
-"""Height of GNSS fixes above the ground, below the tracks [m], and radius of fixes [m], sigma of the paper's
-receiver."""
+"""Height of GNSS fixes above the ground, below the tracks [m], and radius of fixes [m], equal to the standard deviation
+of the paper's receiver."""
 
 STRIPS = LineStrip3DBatch([]).as_arrow_array().type
 

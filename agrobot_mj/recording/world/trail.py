@@ -1,7 +1,7 @@
 """Tyre marks: a flat strip behind each wheel with the width of the tyre, coloured by slip.
 
-Marks are sent as small meshes with the same triangle indices, each at the time of its end. The layout shows all marks
-up to the current time. A wheel in the air leaves no mark.
+Marks are sent as small meshes with the same triangle indices, each with its end time. The layout shows all marks up to
+the current time. A wheel in the air leaves no mark.
 """
 
 import numpy as np
@@ -58,8 +58,8 @@ class Trail:
         send(stream, ENTITY, times, columns.partition(np.full(len(ends), count)))
 
     def marks(self, at: Index) -> tuple[Array, Array]:
-        """Return the left and right edges of the marks at log rows `at` (n,), (n, 4, 2, 3) [m], and their colours (n,
-        4, 2)."""
+        """Return the left and right edges of the marks at log rows `at`, shape (n, 4, 2, 3) [m], and the edge colours,
+        shape (n, 4, 2)."""
         contacts, report = self.wheels.contacts(at), self.wheels.report
         width = np.where(report("load", at) > 0, self.wheels.half_widths, 0.0)[..., None]
         edges = np.stack([contacts.patch + width * contacts.left, contacts.patch - width * contacts.left], axis=2)

@@ -72,8 +72,8 @@ def _unit(v: Array) -> Array:
 
 
 M_PER_N, LOAD_M_PER_N, THICK_M, THIN_M = 1 / 1000, 1 / 2000, 0.03, 0.014
-"""Scales of force arrows for the default tractor: length per ground force and per load [m/N], radius for ground force
-and for load [m]. Arrows of other tractors are scaled with tractor size, and their lengths also with tractor weight."""
+"""Scales of force arrows for the default tractor: length per ground force and per wheel load [m/N], radius for ground
+force and for load [m]. Arrows of other tractors scale with tractor size, and their lengths also with tractor weight."""
 BESIDE_M, LIFT_M, FOOT = 0.05, 0.05, 0.5
 """Distance of arrows from the tyre [m], height of arrows [m], and half the footprint length divided by wheel radius
 [-]."""
@@ -86,7 +86,7 @@ UNKNOWN_USE = 0.0
 
 
 class Forces:
-    """Recorder of the wheel force arrows at every tick."""
+    """Recorder of the wheel forces of each tick as arrows."""
 
     def __init__(self, wheels: Wheels, tractor: TractorParameters) -> None:
         self.wheels, self.size = wheels, tractor.size
@@ -106,8 +106,8 @@ class Forces:
         send(stream, LOADS, times, rr.Arrows3D.columns(origins=posts, vectors=up).partition(counts))
 
     def arrows(self, at: Index) -> tuple[Array, Array, Array, Array]:
-        """Return the arrows in log rows `at`: origins and vectors of ground forces, then of loads, each (n, 4, 3)
-        [m]."""
+        """Return origins and vectors of the arrows in log rows `at`: ground forces, then wheel loads. All four
+        arrays have the shape (n, 4, 3) [m]."""
         contacts = self.wheels.contacts(at)
         fx, fy, load = (np.nan_to_num(self.wheels.report(name, at))[..., None] for name in ("fx", "fy", "load"))
         along = fx * contacts.forward + fy * contacts.left

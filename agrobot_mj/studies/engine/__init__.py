@@ -1,4 +1,4 @@
-"""Execution of studies: processes or Dask workers convert tasks to stored rows. Existing rows are reused."""
+"""Execution of the tasks of a study by processes or Dask workers. The resulting rows are stored and reused."""
 
 from agrobot_mj.studies.engine.resume import RunTasks, about, study
 from agrobot_mj.studies.engine.tasks import Done, Row, Task, base_text, perform

@@ -1,9 +1,9 @@
 """Row files of runs in a results folder. Runs with an existing row are skipped; missing runs are simulated.
 
-A row contains the results of a run. The file name is a digest of the task (scenario, overrides, measurement), so that
-an extended, moved or interrupted study continues with the missing runs. Each row contains the identity of its task:
-digests of task, input files and code (`core.identity`). Rows with another identity, and rows of runs that raised an
-exception, count as missing.
+A row contains the results of a run. The file name is a digest of the task (scenario, overrides, measuring function), so
+that an extended, moved or interrupted study continues with the missing runs. Each row contains the identity of its
+task: digests of the task, input files and code (`core.identity`). Rows with another identity, and rows of runs that
+raised an exception, count as missing.
 
 The results folder also contains copies of scenario input files, which are read by the runs. Each copy is in a folder
 named after a digest of its content and is never overwritten. Changes of the original files during a study have no
@@ -37,7 +37,7 @@ INPUTS = "inputs"
 
 
 class Held(NamedTuple):
-    """Scenario data with copied input files, in one form for execution and one form for the identity of the run."""
+    """Scenario data with copied input files, in two forms: for execution, and for the run identity."""
 
     driven: dict[str, Any]  # Scenario data with the paths of the copied files, used by the run
     said: dict[str, Any]  # Scenario data with file names instead of paths, used for the identity of the run
@@ -52,8 +52,8 @@ class InputCopies:
         self._copies: dict[tuple[str, Path], Path] = {}
 
     def held(self, data: Mapping[str, Any]) -> Held:
-        """Return scenario data with the paths of copied files. Paths of unreadable files are unchanged; the run raises
-        the error."""
+        """Return scenario data with the paths of copied files. Paths of unreadable files are kept, so that the run
+        fails."""
         driven, said, found = deepcopy(dict(data)), deepcopy(dict(data)), list[str]()
         for (table, key), (other, _) in zip(list(naming_files(driven)), list(naming_files(said)), strict=True):
             try:
@@ -112,7 +112,7 @@ class RunFiles(Protocol):
 
 
 class RowFiles:
-    """Row files and input copies in a results folder. Links in the folder are not followed."""
+    """Row files (one per run) and copies of input files in a results folder. Symbolic links are rejected."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -141,7 +141,7 @@ class RowFiles:
     ) -> Generator[tuple[Task, Row, bool]]:
         """Execute the tasks without a stored row or with missing files, and the tasks whose run raised an exception.
 
-        Yield each task, its row, and whether the row existed; existing rows first.
+        Yield each task, its row, and whether the row existed. Existing rows are yielded first.
         """
         todo = []  # a list of the tasks could exceed the memory
         for number in numbers:
@@ -178,7 +178,7 @@ class RowFiles:
         write_json(self.row_file(task), {"task": str(task.identity), **row})
 
     def row_file(self, task: Task, ending: str = ".json") -> Path:
-        """Return the path of the row file of a task, or of the same file name with another extension `ending`."""
+        """Return the path of the row file of a task, or of a file with the same name and another extension `ending`."""
         name = task.identity.scenario if task.identity else ""
         return self.place(Path(ROWS, name[:2], f"{name}{ending}"))
 
@@ -237,7 +237,7 @@ class Study:
 
 @contextmanager
 def study(folder: Path, names: Sequence[str], jobs: int | None = None) -> Iterator[Study]:
-    """Yield a function that executes tasks and stores their rows in `folder`. The folder is locked during the context.
+    """Yield a function that executes tasks and stores their rows in `folder`, which stays locked within the context.
 
     `names` are the files that the study itself writes to the folder. `jobs` is the number of processes. Default: one
     per core. Raise `ScenarioError` if results must not be written to `folder`.

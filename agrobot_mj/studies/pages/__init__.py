@@ -1,4 +1,4 @@
-"""Report of a results folder of any command as a self-contained HTML page."""
+"""Report on the results folder of any command, as a self-contained HTML page."""
 
 from agrobot_mj.studies.pages.report import write_report
 

@@ -21,9 +21,9 @@ COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PINK, SKY_BLUE, DARK_GREY, "#000000")
 """Colours of run groups in charts, in group order."""
 Chart = dict[str, Any]
 CATEGORIES: dict[str, Any] = {"type": "category", "autorange": "reversed", "automargin": True, "dtick": 1}
-"""Layout of a category axis: all names are visible, the first name is on top, and the margin fits the names."""
+"""Layout of a category axis: all names are visible, the first name is on top, and the margin adapts to the names."""
 MOST_ROWS, ROW_PX, AROUND_PX = 8, 24, 150
-"""Chart heights: maximum number of names at standard height [-], height per further name and of margins [pixels]."""
+"""Chart heights: maximum number of names at standard height [-], height per name and height of margins [pixels]."""
 INK, GRID, SHADE, SOFT = "#1b1b1b", "#e5e5e5", "#dddddd", "#999999"
 """Colours of text, grid lines, shaded areas and chart controls."""
 DARK = {"#000000": "#f0f0f0", INK: "#e8e8e8", GRID: "#3a3a3a", SHADE: "#4a4a4a", BLUE: BRIGHT_BLUE, SKY_BLUE: YELLOW}
@@ -115,7 +115,7 @@ class Document:
         self.parts.append(f'<div class="grid">{"".join(self._card(*chart) for chart in charts)}</div>')
 
     def table(self, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-        """Add a table without empty columns. Numbers are right-aligned."""
+        """Add a table, omitting empty columns. Numbers are right-aligned."""
         columns = [cells for cells in zip(head, *rows, strict=True) if set(cells[1:]) != {""}]
         lines = zip("h" + "d" * (len(columns[0]) - 1), zip(*columns, strict=True), strict=True)
         inner = "".join(f"<tr>{''.join(_cell(f't{tag}', value) for value in line)}</tr>" for tag, line in lines)
@@ -126,7 +126,7 @@ class Document:
         self.parts.append(f"<details><summary>{escape(title)}</summary><pre>{escape(text)}</pre></details>")
 
     def thumbnails(self, cards: Sequence[tuple[str, str, str]]) -> None:
-        """Add small images. Each card is (title, SVG text, command)."""
+        """Add small images, each given as a card (title, SVG text, command)."""
         inner = "".join(
             f'<div class="card"><h3>{escape(title)}</h3>{svg}<pre>{unbroken(command)}</pre></div>'
             for title, svg, command in cards

@@ -69,7 +69,7 @@ def line(x: Array, y: Array, name: str, colour: str, **more: Any) -> Chart:
 
 
 def across(s: Signals) -> tuple[Array, Array]:
-    """Return unit vectors to the left of the reference path (n, 2), and the lateral offset of the track (n,) [m]."""
+    """Return the unit vectors to the left of the reference path (n, 2), and lateral offsets of the track (n,) [m]."""
     points = np.stack([s["x_ref"], s["y_ref"]], 1)
     along = np.gradient(points, axis=0) if len(points) > 1 else np.zeros_like(points)
     moves = np.hypot(*along.T) > 1e-9
@@ -79,7 +79,7 @@ def across(s: Signals) -> tuple[Array, Array]:
 
 
 def implement_of(s: Signals) -> Signals:
-    """Return the signals with the position of the implement in place of the tractor, or {} for a run without
+    """Return the signals with the position of the implement in place of the tractor, or {} for a run without an
     implement."""
     return {**s, "x": s["implement_x"], "y": s["implement_y"]} if "implement_x" in s else {}
 
@@ -94,14 +94,14 @@ def enlargement(tractors: Iterable[Signals]) -> int:
 
 
 def enlarged(s: Signals, times: int) -> tuple[Array, Array]:
-    """Return the track with cross-track errors magnified by the factor `times`, as x and y (n,) [m]."""
+    """Return x and y (n,) [m] of the track with cross-track errors magnified by the factor `times`."""
     left, off = across(s)
     x, y = np.stack([s["x"], s["y"]]) + (times - 1) * off * left.T
     return x, y
 
 
 def map_of(runs: Mapping[str, Signals]) -> tuple[str, Chart]:
-    """Return title and chart of a map of runs. Title and axis state the magnification of cross-track errors, if any."""
+    """Return the title and chart of a map of runs. Title and axis state any magnification of cross-track errors."""
     first, times = next(iter(runs.values())), enlargement(runs.values())
     data = [line(first["x_ref"], first["y_ref"], "reference", BLACK, width=1, dash="dot")]
     for k, (name, s) in enumerate(runs.items()):
@@ -119,7 +119,7 @@ def magnification_text(times: int) -> str:
 
 
 def _errors(runs: Mapping[str, Signals]) -> tuple[str, Chart]:
-    """Return title and chart of the lateral errors over time, with one curve per run."""
+    """Return the title and chart of the lateral errors over time, with one curve per run."""
     curves = {name: (s["t"], -CENTIMETRES * s["e_lateral"]) for name, s in runs.items() if "e_lateral" in s}
     return "Lateral error", _curves("lateral error, left + [cm]", curves)
 
@@ -204,7 +204,7 @@ def comparison_page(folder: Path) -> Document:
 
 
 def _law(row: Mapping[str, Any]) -> str:
-    """Return the law name of a row, which is part of the name of its run folder (plant-law-seed)."""
+    """Return the law name of a row from the name of its run folder (plant-law-seed)."""
     return str(row["folder"]).removeprefix(f"{row['plant']}-").removesuffix(f"-s{row['seed']}")
 
 

@@ -1,8 +1,8 @@
 """Report page of a sweep.
 
-The page contains a ranking of groups of runs, curves of one parameter, and maps of two parameters with the boundary of
-failure. It lists the worst runs and gives the command that repeats each run. Runs of a group have the same variant and
-the same non-numeric parameters. A run fails if it does not end as expected.
+The page contains a ranking of groups of runs, error curves over one parameter, and error maps over two parameters with
+the boundary of failure. It lists the worst runs and gives the command that repeats each run. Runs of a group have the
+same variant and the same non-numeric parameters. A run fails if it does not end as expected.
 """
 
 import json
@@ -87,24 +87,24 @@ class RerunCommand:
         self.folder, self.plan = folder, SweepPlan(read_sweep(folder / "sweep.toml"))
 
     def overrides(self, row: Row) -> dict[str, Any]:
-        """Return the overrides of the base scenario for the run of a row, with names of data files in place of
-        paths."""
+        """Return the overrides of the base scenario for the run of a table row. Data files are given by name instead of
+        path."""
         overrides = self.plan.run(row["run"]).overrides
         return {key: renamed(key, value, self.plan.file_names) for key, value in overrides.items()}
 
     def __call__(self, row: Row) -> str:
-        """Return the command that repeats and records the run of a row."""
+        """Return the command that repeats the run in a table row and records it."""
         sets = [f"--set {shlex.quote(f'{key}={toml_value(value)}')}" for key, value in self.overrides(row).items()]
         base, plugins = shlex.quote(str(self.folder / "base.toml")), plugin_options()
         parts = ("agrobot-mj run", base, *([plugins] if plugins else []), *sets, f"--out run-{row['run']}")
         return " ".join(parts)
 
     def scenario(self, row: Row) -> Scenario:
-        """Return the scenario of the run of a row."""
+        """Return the scenario of the run of a table row."""
         return self.plan.sweep.base.changed(self.plan.run(row["run"]).overrides)
 
     def signals(self, row: Row) -> Signals:
-        """Return the signals of the run of a row. Without stored signals, the run is repeated."""
+        """Return the signals of the run of a table row. Without stored signals, the run is repeated."""
         kept = self.folder / "runs" / f"{row['run']:08}"
         if (kept / "signals.parquet").exists():
             return read_signals(kept)
@@ -155,7 +155,7 @@ def _fills(rows: Sequence[Row], x: str, y: str) -> bool:
 def heat_map(group: Group, x: str, y: str, scale: tuple[float, float], again: RerunCommand) -> Chart:
     """Return a map of the median error versus parameters `x` and `y`, with the failure boundary.
 
-    `scale` is the range of the colours [cm].
+    `scale` is the error range of the colours [cm].
     """
     xs, ys = (sorted({row[p] for row in group.rows}) for p in (x, y))
     cells: dict[tuple[Any, Any], list[Row]] = {}
@@ -218,7 +218,7 @@ def curves(groups: Sequence[Group], parameter: str, again: RerunCommand, drawn: 
 
 
 def _extremes(rows: Sequence[Row], share: int) -> list[Row]:
-    """Return the best and the worst row of each block of 2 * `share` rows, which is one in `share` rows."""
+    """Return the best and the worst row of each block of 2 * `share` rows, which leaves one in `share` rows."""
     if share == 1:
         return list(rows)
     stretches = (rows[first : first + 2 * share] for first in range(0, len(rows), 2 * share))

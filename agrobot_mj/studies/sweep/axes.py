@@ -61,7 +61,7 @@ class ValueList(Spec):
 
 
 class Listed(ValueList):
-    """Explicit list of values, a plain list in TOML."""
+    """Explicit list of values, which is a plain list in TOML."""
 
     values: Annotated[tuple[Any, ...], Field(min_length=1)]
 
@@ -79,7 +79,7 @@ class Listed(ValueList):
 
 
 class Linspace(ValueList):
-    """Equally spaced values that include both ends."""
+    """Equally spaced values from `start` to `stop`, including both ends."""
 
     start: Number = Field(alias="from")
     """First value."""
@@ -159,7 +159,7 @@ class Draw(Spec):
 
     @property
     def written(self) -> Any:
-        """Distribution in the form of a sweep file."""
+        """Distribution in the form used in sweep files."""
         return self.model_dump(mode="json", exclude_unset=True)
 
 
@@ -209,8 +209,7 @@ class Choice(Draw):
     """Possible values."""
 
     def values(self, u: Array) -> list[Any]:
-        """Return a listed value for each `u` in (0, 1), shape (n,). Each value corresponds to an equal part of the
-        interval."""
+        """Return a listed value for each `u` in (0, 1), shape (n,). Each value has an equal part of the interval."""
         n = len(self.choice)
         return [self.choice[min(int(value * n), n - 1)] for value in u.tolist()]
 

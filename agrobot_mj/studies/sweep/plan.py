@@ -1,7 +1,7 @@
 """Plan of a sweep: number of runs, overrides of each run, and a check that all runs are feasible.
 
-Runs are numbered through variants (outermost), axes in the order of the file, samples, and seeds (innermost). Only
-random samples are stored per run, so that the memory of a plan is independent of the number of combinations.
+Run numbers count over variants (outermost loop), axes in the order of the file, samples, and seeds (innermost loop).
+Only random samples are stored per run, so that the memory of a plan is independent of the number of combinations.
 """
 
 import json
@@ -26,7 +26,7 @@ from agrobot_mj.studies.sweep.schema import Sweep, portable
 RUNS = "runs"
 MAX_RUNS = 100_000  # Default maximum number of runs of a sweep: about one day on a laptop
 MOST_GROUNDS = 300
-"""Maximum number of different fields that the check of a plan creates. Further fields are checked when they are run."""
+"""Maximum number of different fields that the check of a plan creates. Further fields are checked in their runs."""
 MOST_KEPT = 1000
 """Maximum number of tractors with cached check results. With random samples, each run may have a different tractor."""
 MOST_LINES = 80  # Maximum number of parameter combinations listed in a message
@@ -43,7 +43,7 @@ class RunPlan(NamedTuple):
 
     @property
     def place(self) -> str:
-        """Variant and parameter values of the run as text for messages."""
+        """Variant and parameter values of the run, as text for messages."""
         parts = [] if self.variant is None else [f"variant {self.variant!r}"]
         return ", ".join([*parts, *(f"{key}={_shown(value)}" for key, value in self.parameters.items())]) or "every run"
 
@@ -66,12 +66,12 @@ class SweepPlan:
 
     @property
     def varied(self) -> set[str]:
-        """Keys set by axes, draws and variants."""
+        """Keys set by axes, random parameters and variants."""
         return {*self.axes, *self.file.draws}.union(*(variant.set for variant in self.file.variant))
 
     @property
     def checks(self) -> int:
-        """Number of runs tested by `check`. Without random samples, runs that differ only in the seed count once."""
+        """Number of runs tested by `check`. Without random samples, runs that differ only in the seed count as one."""
         return self.total // self._stride
 
     @property
@@ -112,7 +112,7 @@ class SweepPlan:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Name of the folder for run folders, in the form required by `simulation.results.results`."""
+        """Name of the folder that contains the run folders, in the form required by `simulation.results.results`."""
         return (f"{RUNS}/",)
 
     def folder(self, number: int) -> str:
@@ -147,7 +147,7 @@ class SweepPlan:
 
     @cached_property
     def mixed(self) -> frozenset[str]:
-        """Parameters stored as text in the results table, because their values have different types or are tables."""
+        """Parameters stored as text in the results table, because their values are tables or have different types."""
         values: dict[str, list[Any]] = {k: list(a.values) for k, a in self.file.axes.items() if isinstance(a, Listed)}
         values |= {key: list(getattr(draw, "choice", ())) for key, draw in self.file.draws.items()}
         kinds = {key: {float if type(v) is int else type(v) for v in each} for key, each in values.items()}
@@ -167,7 +167,7 @@ class SweepPlan:
             )
 
     def check(self, advance: Callable[[], object] = lambda: None) -> None:
-        """Raise a `ScenarioError` that lists the infeasible runs, if any. `advance` is called after each checked
+        """Raise a `ScenarioError` that lists the infeasible runs, if any. `advance` is called after the check of each
         run."""
         checker, wrong = _Checker(self.sweep.base), dict[str, list[str]]()
         for run in self.runs(step=self._stride):

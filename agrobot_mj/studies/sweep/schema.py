@@ -1,7 +1,7 @@
 """Schema of sweep files: base scenario, axes, random samples, seeds and variants.
 
-Axes, draws, `set` and variants use dotted scenario keys, as `--set` does; each key is allowed once. `portable` makes
-paths of data files relative to the sweep file, so that a results folder can be moved.
+Axes, draws (random parameters), `set` and variants use dotted scenario keys, as `--set` does; each key is allowed once.
+`portable` makes paths of data files relative to the sweep file, so that a results folder can be moved.
 """
 
 import json
@@ -61,9 +61,9 @@ class SweepFile(Spec):
     base: str
     """Base scenario: a name, or a path relative to the folder of the sweep file."""
     title: str = ""
-    """Title in lists and reports, one line."""
+    """Title in lists and reports, on one line."""
     version: str = __version__
-    """Version of agrobot_mj that wrote the file, without effect on the sweep."""
+    """Version of agrobot_mj that wrote the file. It does not affect the sweep."""
     seeds: Seeds = 1
     """Number of seeds, counted from the seed of the base scenario, or a list of seeds."""
     set: dict[str, Any] = Field(default_factory=dict)
@@ -75,7 +75,7 @@ class SweepFile(Spec):
     samples: Annotated[int, Field(ge=1)] = 1
     """Number of random samples for each combination and seed."""
     method: Literal["random", "latin_hypercube", "sobol", "screening", "saltelli"] = "random"
-    """Sampling method for the draws. `screening` and `saltelli` are designs for sensitivity analysis.
+    """Sampling method for the random parameters. `screening` and `saltelli` are designs for sensitivity analysis.
 
     `screening` is a Latin hypercube; `saltelli` has samples * (draws + 2) points. Both use the same points for all
     seeds, variants and axis values.
@@ -85,7 +85,7 @@ class SweepFile(Spec):
     draw_seed: Seed = 1
     """Seed of the random samples, independent of `seeds`."""
     variant: tuple[SweepVariant, ...] = ()
-    """Named sets of overrides, one `[[variant]]` table each, which can be combined with axes."""
+    """Named sets of overrides, each in a `[[variant]]` table, which can be combined with axes."""
     keep: Literal["table", "signals", "recordings", "failures"] = "table"
     """Files kept for each run in addition to its row.
 
@@ -152,7 +152,7 @@ class SweepFile(Spec):
 
 
 def _text(value: Any) -> str:
-    """Return a value as text, which is the same for equal values such as 1 and 1.0."""
+    """Return a value as text. Equal values, such as 1 and 1.0, have the same text."""
     whole = isinstance(value, float) and value.is_integer()
     return json.dumps(int(value) if whole else value, sort_keys=True, default=str)
 
@@ -206,7 +206,7 @@ def _with_absolute_paths(file: SweepFile, folder: Path) -> SweepFile:
 
 
 def changed_values(table: dict[str, Any], change: Callable[[str, Any], Any]) -> dict[str, Any]:
-    """Return a sweep as plain data, with each value replaced by `change(key, value)`."""
+    """Return the content of a sweep file, with each value replaced by `change(key, value)`."""
 
     def each(values: Mapping[str, Any]) -> dict[str, Any]:
         return {key: change(key, value) for key, value in values.items()}
@@ -235,8 +235,7 @@ def _as_table(file: SweepFile) -> dict[str, Any]:
 
 
 def resolved(sweep: Sweep) -> dict[str, Any]:
-    """Return a sweep as plain data for a file next to `base.toml`. The overrides `set` are part of the base
-    scenario."""
+    """Return the content of a sweep file next to `base.toml`, which already contains the overrides `set`."""
     axes = {key: axis.written for key, axis in sweep.file.axes.items()}
     known = {"base": BASE, "set": {}, "seeds": list(sweep.seeds), "axes": axes, "version": __version__}
     return {**_as_table(sweep.file), **known}

@@ -40,7 +40,7 @@ IN_A_PIECE = 2000  # Number of rows that are in memory at the same time while th
 
 
 def digests(plan: SweepPlan) -> dict[str, str]:
-    """Return digests of all inputs that affect the rows of a sweep, by kind of input. File locations have no effect."""
+    """Return digests of all inputs that affect the rows of a sweep, by type of input. File locations have no effect."""
     content, base, named = portable(plan.sweep)
     of_base = files(explicit_values(plan.sweep.base))  # the digest of the base scenario includes these files
     data = [named[name].read_bytes() for name in sorted(named) if named[name] not in of_base and named[name].is_file()]
@@ -115,7 +115,7 @@ class Store(RowFiles):
         remove(self.folder, (TABLE,) if part is not None else (TABLE, PLAN))
 
     def has(self, task: Task, row: Row) -> bool:
-        """Return whether all files that must be kept for a run exist."""
+        """Return whether all files to be kept for a run exist."""
         if not (names := files_kept(task.keep, bool(row["expected"]))):
             return True
         try:
@@ -125,7 +125,7 @@ class Store(RowFiles):
         return bool(driven == row["identity"]) and all(self.file(task, name).is_file() for name in names)
 
     def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
-        """Replace the stored files of a run, and delete the results table, which becomes outdated."""
+        """Replace the stored files of a run, and delete the results table, which has become outdated."""
         remove(self.folder, (TABLE,))
         place = self.file(task, LAST).parent
         if not contents and not place.exists():
@@ -211,8 +211,7 @@ def read_rows(folder: Path) -> list[dict[str, Any]]:
 
 
 def merge(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
-    """Merge the rows of several results folders of a sweep. Return the number of rows and the number of planned
-    runs."""
+    """Merge the rows of several results folders of a sweep. Return the numbers of rows and of planned runs."""
     target = begun(folder)
     named = (*_common(sources, target).get("files", ()), *FILES)
     if target is None and (lost := [name for name in named if not _is_file(sources[0] / name)]):
@@ -283,7 +282,7 @@ UNFIT = (pa.ArrowException, OverflowError, TypeError, ValueError)
 
 
 def _odd_value(rows: list[dict[str, Any]]) -> tuple[int, str, Any] | None:
-    """Return run number, column and value of the first value that does not fit the type of its column.
+    """Return the run number, column and value of the first value that does not fit the type of its column.
 
     Return None if all values fit.
     """
