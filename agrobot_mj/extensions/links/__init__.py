@@ -1,1 +1,1 @@
-"""Links to external programs that control the tractor, one folder per family of programs."""
+"""Links to external programs that control the tractor, with one folder per group of programs."""

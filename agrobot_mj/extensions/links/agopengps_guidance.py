@@ -1,4 +1,4 @@
-"""Guidance by an external program of the AgOpenGPS family: scenario keys and behaviour of the simulated boards.
+"""Guidance by an external program of the AgOpenGPS family: scenario keys of the guidance and of the simulated boards.
 
 The tractor acts as steer module, GNSS receiver and inertial unit. A host sends the steering angle over UDP. With
 `steer_by = "angle"`, this angle is the setpoint of the tractor's steering loop. With `"pwm"`, the proportional law of
@@ -20,20 +20,20 @@ Byte = Annotated[int, Field(ge=0, le=255)]  # Setting stored in one byte
 
 
 class BoardSettings(Spec):
-    """Settings of a steer module at power-up, before the host sends settings. Defaults are common values of boards."""
+    """Settings of a steer module at power-up, before the host sends settings. The defaults are common values."""
 
     kp: Byte = 40
-    """Proportional gain of the control law of the board [PWM counts/deg]. Default of AgOpenGPS boards."""
+    """Proportional gain of the board's control law [PWM counts/deg]. The default is that of AgOpenGPS boards."""
     high_pwm: Byte = 60
-    """PWM limit at steering errors of 3 deg or more [PWM counts of 255]. Default of AgOpenGPS boards."""
+    """PWM limit at steering errors of at least 3 deg [PWM counts of 255]. The default is that of AgOpenGPS boards."""
     min_pwm: Byte = 9
-    """Minimum PWM of the motor, added in the direction of the setpoint [PWM counts]. Default of AgOpenGPS boards."""
+    """Minimum motor PWM, added towards the setpoint [PWM counts]. The default is that of AgOpenGPS boards."""
     counts_per_degree: Annotated[int, Field(ge=1, le=255)] = 30
-    """Scale of the angle sensor [counts/deg]. Default of AgOpenGPS boards."""
+    """Scale of the angle sensor [counts/deg]. The default is that of AgOpenGPS boards."""
     offset: Annotated[int, Field(ge=-32768, le=32767)] = 0
     """Offset [counts] added to the sensor counts, or subtracted with `host = "agopenweb"`. Default of these boards."""
     ackermann_percent: Byte = 100
-    """Scale factor on steering angles to the left [%]. Default of AgOpenGPS boards."""
+    """Scale factor on steering angles to the left [%]. The default is that of AgOpenGPS boards."""
 
 
 class Actuation(NamedTuple):
@@ -44,9 +44,9 @@ class Actuation(NamedTuple):
     voltage: float | None = NEUTRAL_V
     """Valve voltage that replaces the output of the steering loop [V], or None if the loop controls the valve."""
     asked: float = nan
-    """Steering setpoint of the host [rad], left positive, also while not engaged. NaN before the first message."""
+    """Steering setpoint of the host [rad], positive to the left, also if not engaged. NaN before the first message."""
     cross_track: float = nan
-    """Cross-track error reported by the host [m], left positive. NaN without a line or without messages of the host."""
+    """Cross-track error reported by the host [m], positive to the left. NaN without a line or messages of the host."""
 
 
 class AgOpenGps(GuidanceLaw):
@@ -57,7 +57,7 @@ class AgOpenGps(GuidanceLaw):
     host: Literal["agopengps", "agopenweb"] = "agopengps"
     """Message dialect of the host. `agopengps` includes QtAgOpenGPS."""
     steer_by: Literal["angle", "pwm"] = "angle"
-    """Controller for the angle of the host: steering loop (`angle`), or proportional law of the board (`pwm`)."""
+    """Controller of the angle commanded by the host: steering loop (`angle`), or law of the board (`pwm`)."""
     position: Literal["panda", "paogi"] = "panda"
     """Position sentence sent to the host: `panda` for one antenna, `paogi` for two (`sensors.gnss.dual_antenna`)."""
     position_rate_hz: Literal[5, 10] = 10
@@ -77,7 +77,8 @@ class AgOpenGps(GuidanceLaw):
     released: Literal["hold", "centre"] = "hold"
     """Output of a board that does not steer: valve in neutral, or wheels straight ahead."""
     give_up_s: Positive = 10.0
-    """Time without messages after which the run ends [s]. Assumed value (3-60): enough for a restart of the host."""
+    """Time without messages after which the run ends [s]. Assumed value (range 3-60): enough for a restart of the
+    host."""
     engage_at_s: NonNegative | None = None
     """Time at which the steer switch of the board is turned on [s]. Default: the start."""
     sensor_counts_per_degree: Annotated[int, Field(ge=1, le=255)] = 30
@@ -87,7 +88,7 @@ class AgOpenGps(GuidanceLaw):
 
     @property
     def follows_path(self) -> bool:
-        """Whether the law follows the scenario path. False, because the host supervises itself on its own line."""
+        """Whether the law follows the scenario path. False, because the host follows its own guidance line."""
         return False
 
     @property

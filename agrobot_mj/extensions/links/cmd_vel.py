@@ -1,8 +1,8 @@
 """Guidance by velocity commands as on the ROS 2 topic /cmd_vel: forward speed v and yaw rate omega.
 
-The steering angle is that of the bicycle model for the commanded yaw rate and speed, tan(delta) = L omega / v. Tractors
-cannot turn on the spot. Therefore the steering angle is constant below `least_speed_m_s`. An external program computes
-the commands (`agrobot-mj ros2`). This module defines the scenario keys and the behaviour without commands.
+The steering angle follows from the bicycle model with wheelbase L, tan(delta) = L omega / v. Tractors cannot turn on
+the spot. Therefore the steering angle is constant below `least_speed_m_s`. An external program computes the commands
+(`agrobot-mj ros2`). This module defines the scenario keys and the behaviour without commands.
 """
 
 from collections.abc import Sequence
@@ -32,9 +32,11 @@ class CmdVel(GuidanceLaw):
     timeout_s: Positive = 0.5
     """Time after which a command expires and the tractor stops [s]. Default of the ROS 2 diff_drive_controller."""
     least_speed_m_s: Positive = 0.05
-    """Commanded speed below which the steering angle is constant [m/s]. Assumed value (0.02-0.2): 1 % of top speed."""
+    """Commanded speed below which the steering angle is constant [m/s]. Assumed value (range 0.02-0.2): 1 % of the top
+    speed."""
     give_up_s: Positive = 10.0
-    """Time without commands after which the run ends [s]. Assumed value (3-60): enough for a restart of the node."""
+    """Time without commands after which the run ends [s]. Assumed value (range 3-60): enough for a restart of the
+    node."""
     origin_lat_deg: Annotated[float, Field(ge=-85, le=85)] = 50.877
     """Latitude of the map origin x = y = 0 [deg]."""
     origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] = 4.699
@@ -42,7 +44,7 @@ class CmdVel(GuidanceLaw):
 
     @property
     def follows_path(self) -> bool:
-        """Whether the law follows the scenario path. False, because the program supervises itself on its own path."""
+        """Whether the law follows the scenario path. False, because the program follows its own path."""
         return False
 
     @property

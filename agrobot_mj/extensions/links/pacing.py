@@ -4,7 +4,7 @@ import time
 
 
 class Pace:
-    """Wall-clock schedule of the cycles of a link, with timing statistics. It starts at the first cycle."""
+    """Wall-clock schedule of the cycles of a link, with timing statistics. The schedule starts at the first cycle."""
 
     LATE_S = 0.005
     """Delay above which a cycle counts as late [s]."""
@@ -16,8 +16,7 @@ class Pace:
     def begin(self) -> float:
         """Begin a cycle. Return its delay relative to the schedule [s].
 
-        A delay above the duration of a cycle shifts the schedule, because hosts cannot process positions in quick
-        succession.
+        A delay longer than a cycle shifts the schedule, because hosts cannot process positions in quick succession.
         """
         now = time.perf_counter()
         behind = now - self.next if self.turns else 0.0

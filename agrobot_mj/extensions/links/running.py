@@ -1,4 +1,4 @@
-"""Common parts of runs with external programs: compilation before the start, calls of observers, outcome.
+"""Common functions for runs with external programs: compilation before the start, calls of observers, outcome.
 
 Observers usually receive the run at its end, because recording a link cycle in real time takes longer than the cycle. A
 live observer receives the rows during the run.
@@ -17,7 +17,7 @@ from agrobot_mj.simulation.stepping import Simulation
 
 
 class NotBegunError(ScenarioError):
-    """Exception for a run that does not begin, because the external program does not start in time."""
+    """Exception for a run that does not start, because the external program does not respond in time."""
 
 
 class LinkSession(Protocol):
@@ -25,10 +25,11 @@ class LinkSession(Protocol):
 
     sim: Simulation
     ended: str | None
-    """Outcome of the run set by the link, or None if the simulation sets the outcome."""
+    """Outcome of the run determined by the link, or None if the simulation determines the outcome."""
 
     def run(self, should_stop: Callable[[], bool], tell: Callable[[], None]) -> None:
-        """Simulate to the end and call `tell` after each tick. Raises `NotBegunError` if the program does not start."""
+        """Simulate to the end and call `tell` after each tick. Raises `NotBegunError` if the program does not
+        respond."""
         ...
 
 
@@ -39,10 +40,10 @@ def run_session(
     should_stop: Callable[[], bool],
     told: bool,
 ) -> Log:
-    """Run a session and return its log with the `metrics` of the link.
+    """Run a session and return its log, including the results of the function `metrics`.
 
-    The observers are called during the run if `told`, otherwise at its end. Raises `NotBegunError` if the run does not
-    begin.
+    If `told` is true, the observers are called during the run, otherwise after it. Raises `NotBegunError` if the run
+    does not start.
     """
 
     def finish(log: Log) -> Log:
@@ -69,7 +70,7 @@ def gyro_heading(before: float, rate: float, true: float, dt: float) -> float:
 
 
 def _warm_up(sim: Simulation) -> None:
-    """Simulate one tick of a second simulation, so that compilation does not delay the exchange of messages."""
+    """Simulate one tick of a second simulation, so that compilation does not delay the messages of the run."""
     other = Simulation(sim.scenario)
     other.reset()
     other.step()

@@ -1,1 +1,1 @@
-"""Logs of real machines: readers, maps of columns, replay on a plant, and identification of valve and vehicle."""
+"""Logs of real machines: readers, column maps, replay on a plant, and identification of valve and vehicle."""

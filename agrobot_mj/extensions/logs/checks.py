@@ -1,4 +1,4 @@
-"""Checks of the columns of a log: low rates, coarse resolution, and contradictory units and signs."""
+"""Checks of the columns of a log for low rates, coarse resolution, and contradictory units and signs."""
 
 from collections.abc import Sequence
 from math import sqrt
@@ -11,17 +11,18 @@ from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.series import chords, course_rate
 
 CHORD_S, SLIPPED = 2.0, 1.5
-"""Position interval for track lengths [s], maximum ratio of track length to integrated speed [-]. Assumed values."""
+"""Interval for track lengths [s], and maximum factor between track lengths from positions and speed [-]. Assumed
+values."""
 LONGEST_ARM_M, ARM_EXPLAINS = 6.0, 0.2
-"""Limits for explaining a wrong distance by the antenna position: maximum distance from antenna to rear axle [m], and
-maximum relative RMS residual [-]. Assumed values."""
+"""Limits for attributing a wrong track length to the antenna position: maximum distance from antenna to rear axle [m],
+and maximum relative RMS residual [-]. Assumed values."""
 AGREED = 0.5
 """Minimum correlation between the course rate of the positions and the yaw rate of a sensor for detecting a wrong unit
-or sign [-]. Assumed value: consistent sensors have 0.9."""
+or sign [-]. Assumed value: consistent sensors reach 0.9."""
 OTHER_UNIT = 5.0  # Ratio of two yaw rates above which one of them has a wrong unit [-]; deg/s instead of rad/s gives 57
 LEAST_HZ = 2.5  # Minimum rate at which positions and headings resolve yaw dynamics [Hz]
 COARSE_M_S = 0.12
-"""Resolution of recorded speed above which rounding biases a fitted scale [m/s]. Assumed value: 1 km/h gives 5 %."""
+"""Resolution of speed above which rounding biases a fitted scale [m/s]. Assumed value: 1 km/h gives a bias of 5 %."""
 
 
 def check_columns(kept: Sequence[FieldRecording]) -> None:
@@ -73,7 +74,7 @@ def _check_speed(recordings: Sequence[FieldRecording]) -> None:
 
 
 def _ways(piece: FieldRecording) -> Array | None:
-    """Return the motion in each interval `CHORD_S`, shape (3, n), or None if there are no positions.
+    """Return the motion in intervals of `CHORD_S`, shape (3, n), or None if there are no positions.
 
     Row 0: distance between positions [m]. Row 1: distance travelled by the antenna, from speed and yaw rate [m]. Row 2:
     change of yaw [rad].
@@ -88,7 +89,7 @@ def _ways(piece: FieldRecording) -> Array | None:
 
 
 def _arm(way: Array, said: Array, across: Array) -> float | None:
-    """Return the distance from rear axle to antenna that explains the positions [m], or None without a solution."""
+    """Return the distance from rear axle to antenna that explains the positions [m], or None if there is none."""
     bend = float((across**4).sum())
     squared = float(((way**2 - said**2) * across**2).sum()) / bend if bend else 0.0
     if not 0.0 < squared < LONGEST_ARM_M**2:
@@ -98,7 +99,7 @@ def _arm(way: Array, said: Array, across: Array) -> float | None:
 
 
 def _check_turning(recordings: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` if the track turns opposite to the yaw rate (mirrored) or at another rate (wrong unit)."""
+    """Raise `FieldLogError` if positions turn opposite to the yaw rate (mirrored) or at another rate (wrong unit)."""
     pairs = [pair for piece in recordings if (pair := _turning_twice(piece)) is not None]
     if not pairs:
         return
@@ -119,7 +120,7 @@ def _check_turning(recordings: Sequence[FieldRecording]) -> None:
 
 
 def _turning_twice(piece: FieldRecording) -> Array | None:
-    """Return course rate and yaw rate at common times, shape (2, n) [rad/s], or None unless both are measured."""
+    """Return course rate and yaw rate at common times, shape (2, n) [rad/s], or None if either is not measured."""
     if piece.position is None or piece.yaw_rate is None or piece.yaw_rate_source == "course":
         return None
     course = course_rate(piece.position, piece.speed)

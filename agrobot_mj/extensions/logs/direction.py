@@ -4,8 +4,8 @@ Displacements between fixes, projected on the heading, are summed to a forward d
 by more than the noise, the tractor has reversed. The change of direction is at the nearest minimum speed. A heading
 with an angular offset (two antennas across the machine) is first rotated by its mean angle to the course, because
 machines mostly drive forwards. Without a heading, the course is used, which jumps by 180 deg where the tractor changes
-its direction. Noise of positions without RTK resembles such jumps. In this case the steering determines the direction:
-the yaw rate divided by the speed is linear in the wheel angle, and has the opposite sign in reverse.
+its direction. Noise of positions without RTK resembles such jumps. Therefore the steering also determines the
+direction: the yaw rate divided by the speed is linear in the wheel angle, and has the opposite sign in reverse.
 """
 
 from typing import NamedTuple
@@ -19,16 +19,16 @@ from agrobot_mj.extensions.logs.series import TimeSeries, scatter
 
 SIGNED = -0.1  # A recorded speed with values below this limit has a sign [m/s]. Assumed: larger than the noise at rest.
 LEAST_LEG_M, LEG_PER_SCATTER = 0.5, 10.0
-"""Minimum length of a reverse section: constant [m], and factor on the standard deviation of positions [-]."""
+"""Lower limits of the length of a reverse section: constant [m], and factor on the noise of positions [-]."""
 AROUND_S = 2.0  # Time before and after a change of direction in which the minimum speed is searched [s]
 LONGEST_STEP_S = 2.0  # Maximum time between two fixes whose displacement is used [s]
 STANDING_M_S = 0.1
 """Speed below which a machine is at rest [m/s]. Assumed value: three times the noise of a receiver at rest."""
 LEAST_TOLD, LEAST_GAIN = 0.3, 0.01
 """Minimum fraction of the yaw-rate variance that the steering must explain to determine directions, and minimum
-increase of this fraction for reversing the sign of a section [-]. Assumed values: noise gives smaller values."""
+increase of this fraction for reversing the sign of a section [-]. Assumed values: above the effect of noise."""
 MOST_TURN = 3.0
-"""Maximum ratio of a valid yaw rate to the 80 % quantile of all yaw rates [-]. Assumed value."""
+"""Upper limit of valid yaw rates, divided by the 80 % quantile of all absolute yaw rates [-]. Assumed value."""
 MOST_LEGS = 200  # Maximum number of sections whose directions the steering can determine
 
 
@@ -82,8 +82,8 @@ def _displacements(position: TimeSeries) -> tuple[Array, Array]:
 
 
 def by_course(step: Array, least: float) -> Array:
-    """Return the distances between fixes with the sign of the direction of travel. The sign changes where the course
-    reverses between two sections of length `least` [m]."""
+    """Return the distances between fixes, negative in reverse. The direction changes where the course reverses between
+    two sections of length `least` [m]."""
     sign, now, start, leg, before = np.ones(len(step)), 1.0, 0, 0j, 0j
     for k in range(len(step)):
         leg += step[k]
@@ -99,7 +99,7 @@ def by_course(step: Array, least: float) -> Array:
 
 
 def _legs(t: Array, forward: Array, speed: TimeSeries, least: float) -> tuple[Array, Array]:
-    """Return times of direction changes, shape (n,), and direction of each section (1 or -1), shape (n + 1,)."""
+    """Return the times of direction changes (n,), and the direction of each section (1 or -1), shape (n + 1,)."""
     way = np.cumsum(forward)
     turns = sorted(k for up in (way, -way) for k in find_peaks(up, prominence=least)[0])
     borders = np.array([_slowest(speed, t[k]) for k in turns])

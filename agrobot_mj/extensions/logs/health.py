@@ -2,8 +2,8 @@
 position.
 
 The computation requires neither segments of several seconds nor known machine parameters. The steering centre follows
-from a regression without slip and is independent of the wheelbase. A steering centre that changes, or differs from the
-map, indicates that the sensor has slipped.
+from a regression without slip and is independent of the wheelbase. If the centre changes or differs from the map, the
+sensor has probably slipped.
 """
 
 from collections.abc import Iterator, Sequence
@@ -36,14 +36,14 @@ from agrobot_mj.extensions.logs.steering import (
 
 WHEELBASE_M = 2.0  # Wheelbase in the regression [m]. Assumed value, which only affects the scale.
 PART_S, MOST_PARTS = 15.0, 6
-"""Minimum driving time per part of a log with a separate steering centre [s], and maximum number of these parts."""
+"""Minimum driving time [s] and maximum number of log parts with separate steering centres."""
 TOLD = 0.5
-"""Minimum fraction of the yaw-rate variance that the steering explains for a steering centre [-]. Assumed value."""
+"""Minimum fraction of the yaw-rate variance that the steering must explain for a valid centre [-]. Assumed value."""
 CHORD_S, MOST_ALIKE = 0.5, 20.0
-"""Minimum time between fixes [s] and maximum condition number [-] of the regression for the antenna position."""
+"""Minimum time between fixes [s] and maximum condition number [-] in the regression of the antenna position."""
 ARM_M, ARM_ERROR_M = 0.3, 0.3
-"""Minimum reported error of the antenna position in the map, in addition to `SIGMAS` standard errors, and maximum
-standard error of the estimated position [m]."""
+"""Error of the antenna position in the map above which it is reported (plus `SIGMAS` standard errors), and maximum
+standard error of a valid estimate [m]."""
 
 
 class CentrePart(NamedTuple):
@@ -67,7 +67,7 @@ class LogHealth(NamedTuple):
 
     @property
     def centre(self) -> SteeringCentre:
-        """Mean steering centre of all parts of the log. Its standard error follows from the scatter over parts."""
+        """Mean steering centre of all parts of the log. Its standard error follows from the scatter of the parts."""
         first, *others = (part.centre for part in self.parts)
         if not others:
             return first
@@ -84,7 +84,7 @@ def health(recording: FieldRecording) -> LogHealth:
 
 
 def _steering(recording: FieldRecording) -> tuple[RoughSteering | None, tuple[CentrePart, ...]]:
-    """Return the relation between sensor value and wheel angle without slip, and the steering centre in parts of the
+    """Return the relation between sensor value and wheel angle without slip, and the steering centres in parts of the
     log with equal numbers of samples."""
     if recording.steer is None or recording.yaw_rate is None:
         return None, ()
@@ -107,7 +107,7 @@ def _ahead(recording: FieldRecording) -> tuple[float, float] | None:
     """Return the distance of the antenna ahead of the rear axle and its standard error [m], or None if not identified.
 
     The lateral velocity of the antenna is the yaw rate times this distance, plus the speed times the mounting angle of
-    the heading, plus the product of speed and yaw rate times the latency of the heading.
+    the heading sensor, plus the product of speed and yaw rate times the latency of the heading sensor.
     """
     if recording.position is None or recording.heading is None:
         return None
@@ -130,7 +130,7 @@ def _ahead(recording: FieldRecording) -> tuple[float, float] | None:
 
 
 def health_lines(sources: Sequence[Source], log_map: LogMap, height: float = 0.0) -> list[str]:
-    """Return sentences about properties of logs. Unreadable logs are skipped."""
+    """Return sentences about steering centre, antenna position, noise and bursts. Unreadable logs are skipped."""
     found = []
     for source in sources:
         try:
@@ -152,7 +152,7 @@ def _moved(one: LogHealth, other: LogHealth) -> Iterator[str]:
 
 
 def _digits(rough: RoughSteering) -> int:
-    """Return the number of decimals for a steering centre with a resolution of 0.1 deg."""
+    """Return the number of decimals that shows a steering centre with a resolution of 0.1 deg."""
     return max(0, -int(np.floor(np.log10(0.1 / degrees(abs(rough.scale))))))
 
 

@@ -1,4 +1,4 @@
-"""Identity of a result from logs. It consists of the scenario identity, the logs, the map and the command options."""
+"""Identity of a result from logs: digests of the scenario, the logs, the map, the command options and the code."""
 
 import json
 from collections.abc import Sequence

@@ -1,6 +1,6 @@
 """Segments of recordings for replay and fit, separated by gaps, standstill and loss of position.
 
-A segment contains all inputs and positions without gaps, and the machine moves except for short stops. The module
+In a segment, inputs and positions have no gaps, and the machine is in motion except for short stops. The module
 `direction` first determines the sign of an unsigned speed.
 """
 
@@ -43,7 +43,7 @@ class Pieces(NamedTuple):
 
 
 def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float = inf) -> Pieces:
-    """Return the usable segments of all recordings, from `start` to `end` in the time of each recording [s].
+    """Return the usable segments of all recordings, from `start` to `end` [s] after the first row of each recording.
 
     Raises `FieldLogError` if no segment remains.
     """
@@ -86,7 +86,8 @@ class Bursts(NamedTuple):
 
 
 def bursts(recording: FieldRecording) -> Bursts | None:
-    """Return burst statistics of a recording. Return None for few bursts, or bursts long enough for a fit."""
+    """Return burst statistics of a recording, or None if there are few bursts or if the bursts are long enough for a
+    fit."""
     gaps = sorted({gap for part in recording.inputs for gap in _gaps(getattr(recording, part).t, LONGEST_GAP_S)})
     starts = np.array([recording.start, *(end for _, end in gaps)])
     ends = np.array([*(start for start, _ in gaps), recording.end])
@@ -145,7 +146,7 @@ def _gaps(t: Array, longest: float) -> list[tuple[float, float]]:
 
 
 def _between(out: list[Span], start: float, end: float, shortest: float) -> Iterator[tuple[float, float]]:
-    """Yield the intervals from `start` to `end` between the omitted spans that last at least `shortest` [s]."""
+    """Yield the intervals of at least `shortest` [s] between the omitted spans `out`, from `start` to `end` [s]."""
     for span in (*out, Span(end, end, "")):
         if min(span.start, end) - start >= shortest:
             yield start, min(span.start, end)
@@ -184,13 +185,13 @@ def _excitation(recording: FieldRecording) -> tuple[Array, Array, Array]:
 
 
 def slow_and_fast(recordings: Sequence[FieldRecording]) -> tuple[float, float]:
-    """Return the 10th and the 90th percentile of the absolute speed in recordings [m/s]."""
+    """Return the 10th and the 90th percentile of the absolute speed in all recordings [m/s]."""
     slow, fast = np.percentile(np.abs(excitation(recordings)[0]), [10, 90])
     return float(slow), float(fast)
 
 
 def split(kept: Sequence[FieldRecording], share: float) -> tuple[list[FieldRecording], list[FieldRecording]]:
-    """Split segments into the first fraction `share` of the total time, and the rest. One segment may be divided."""
+    """Split segments after the first fraction `share` of the total time, and divide a segment if necessary."""
     left = share * sum(each.end - each.start for each in kept)
     first, second = list[FieldRecording](), list[FieldRecording]()
     for each in kept:

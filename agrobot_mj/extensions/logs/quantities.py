@@ -76,6 +76,6 @@ def rounded(value: float, half: float) -> float:
 
 
 def half_width(covariance: Array, gradient: Array, freedom: int) -> float:
-    """Return the half width of the Student t interval of a function of the parameters. `gradient` (n,) contains the
-    derivatives of the function."""
+    """Return the half width of the Student t interval for a function of the fitted parameters. `gradient` (n,) contains
+    the derivatives of the function."""
     return float(stdtrit(max(freedom, 1), 0.5 + LEVEL / 2) * np.sqrt(gradient @ covariance @ gradient))

@@ -83,7 +83,7 @@ class FieldRecording(NamedTuple):
 
     def bounds(self, start: float, end: float) -> tuple[float, float]:
         """Return the part of the interval from `start` to `end` [s] that is inside the recording. Raises
-        `FieldLogError` below 1 s."""
+        `FieldLogError` if this part is shorter than 1 s."""
         first, last = max(start, self.start), min(end, self.end)
         if last - first < 1.0:
             raise FieldLogError(
@@ -95,7 +95,7 @@ class FieldRecording(NamedTuple):
     def between(self, start: float, end: float) -> "FieldRecording":
         """Return the part of the recording from `start` to `end` [s], without channels of fewer than `FEWEST` values.
 
-        Raises `FieldLogError` for an empty part, or if an input has a gap.
+        Raises `FieldLogError` if the part is shorter than 1 s, or an input has a gap.
         """
         first, last = self.bounds(start, end)
         for part, column in self.inputs.items():
@@ -276,7 +276,8 @@ class _Reader(NamedTuple):
         return np.where(alone, np.nan, values)
 
     def _known(self, part: str, c: MeasuredColumn, values: Array, bound: float = inf, unit: str = "") -> TimeSeries:
-        """Return finite values with latency-corrected times. Raises `FieldLogError` for values above `bound`."""
+        """Return finite values with latency-corrected times. Raises `FieldLogError` for fewer than `FEWEST` values, or
+        for magnitudes above `bound`."""
         good = np.isfinite(values)
         if good.sum() < FEWEST:
             raise FieldLogError(f"{self.name}: {c.column!r} has only {good.sum()} values; remove [{part}] from the map")
@@ -288,9 +289,9 @@ class _Reader(NamedTuple):
 def _derived(
     heading: TimeSeries | None, position: TimeSeries | None, speed: TimeSeries
 ) -> tuple[TimeSeries | None, str]:
-    """Return the yaw rate without a gyro, and its source. The source is the heading or, without a heading, the course.
+    """Return the yaw rate of a log without a gyro, and its source: the heading or, without a heading, the course.
 
-    Sideslip and tilt distort the course.
+    The course includes errors due to sideslip and tilt.
     """
     if heading is not None:
         return slope_of(heading), "heading"

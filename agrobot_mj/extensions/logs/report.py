@@ -1,4 +1,4 @@
-"""Reports of this extension, except the report of a twin, which is written by the command `twin`."""
+"""Reports of this extension, except the report of a digital twin, which the command `twin` writes."""
 
 from agrobot_mj.studies.pages.report import Reports
 

@@ -18,17 +18,17 @@ SMOOTHING_S = 1.0  # Duration of the local cubic fits that differentiate heading
 COURSE_S = 2.0
 """Duration of the local cubic fits for the course rate [s]. It is long, because second derivatives are noisy."""
 LOST_S = 2.0
-"""Minimum time without fixes that counts as a loss of position [s]. Slow receivers: three times their interval."""
+"""Minimum time without fixes that counts as a loss of position [s], or three fix intervals if these are longer."""
 JUMP_M, FASTER, NOISY = 0.5, 2.0, 3.0
-"""Maximum plausible distance between two fixes: constant [m], factor on the recorded speed [-], and factor on the
-typical error of the fix speed [-]. Assumed values: RTK floats drift less, wheels slip less."""
+"""Terms of the maximum plausible distance between two fixes: constant [m], factor on the recorded speed [-], and factor
+on the typical error of the speed between fixes [-]. Assumed values above the drift of RTK floats and wheel slip."""
 JUMP_RAD, LARGEST_YAW_RATE = 0.3, 3.0
 """Maximum plausible heading change: constant [rad], plus yaw rate [rad/s] times the interval. Assumed values."""
 AWAY_S = 5.0
 """Maximum duration of a temporary position jump [s]. Longer jumps count as permanent. Assumed value."""
 STANDS_OUT, USUAL_OFF = 5.0, 0.9
-"""Minimum ratio of an outlier's deviation to the neighbouring deviations [-], and lower limit of the neighbouring
-deviations, as a quantile of all deviations [-]. Assumed values."""
+"""Minimum ratio of the deviation of an outlier to the deviations of the second values before and after it [-], and
+quantile of all deviations that is used instead if both of these deviations are smaller [-]. Assumed values."""
 LEAST_SPEED = 0.3  # Speed below which the course is undefined and the dynamics are not excited [m/s]
 
 
@@ -89,7 +89,7 @@ def lone(t: Array, values: Values) -> Mask:
 
 
 def driven_places(position: TimeSeries, speed: TimeSeries) -> TimeSeries:
-    """Return the positions that are reachable at the recorded speed."""
+    """Return the positions that the machine can reach at the recorded speed."""
     t, places = position
     u = np.abs(np.interp(t, *speed))
     speeds = np.hypot(*np.diff(places, axis=0).T) / np.diff(t)
@@ -100,7 +100,7 @@ def driven_places(position: TimeSeries, speed: TimeSeries) -> TimeSeries:
 
 
 def turned_headings(heading: TimeSeries) -> TimeSeries:
-    """Return the headings [rad] that are reachable with the maximum yaw rate."""
+    """Return the headings [rad] without jumps that exceed the maximum yaw rate of a machine."""
     t, yaw = heading
     points = TimeSeries(t, np.column_stack([np.cos(yaw), np.sin(yaw)]))
     kept = np.isin(t, without_jumps(points, lambda a, b: JUMP_RAD + LARGEST_YAW_RATE * (t[b] - t[a])).t)
@@ -141,7 +141,7 @@ def without_jumps(series: TimeSeries, reach: Callable[[Index, Index], Array]) ->
 def scatter(*series: Array) -> float:
     """Return the standard deviation of white noise in values (n,) or (n, 2), or 0 for too few values.
 
-    The median of third differences makes the result robust to motion and outliers.
+    The result is robust to motion and outliers, because it is a median of third differences.
     """
     off = [np.abs(np.diff(values, 3, axis=0)).ravel() for values in series if len(values) > 3]
     # standard deviation of a normal distribution; a third difference has 1 + 9 + 9 + 1 variances
@@ -168,7 +168,7 @@ def chords(position: TimeSeries, spacing: float) -> tuple[Array, Array]:
 
 
 def sharpened(series: TimeSeries, length: float) -> Array:
-    """Return the values corrected to second order for averaging over `length` [s] in the sensor."""
+    """Return the values corrected for averaging over `length` [s] in the sensor, to second order."""
     x, spacing = series.value, float(np.median(np.diff(series.t)))
     if not length or len(x) < 3:
         return x

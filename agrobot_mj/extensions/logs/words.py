@@ -23,20 +23,20 @@ PLACES = {
 }
 """Texts for positive and negative values of the antenna position, by key."""
 LIKE = {"deg": (40.0, 80.0), "rad": (1 / 80.0, 1 / 40.0)}
-"""Range of the steering scale that indicates a wrong angle unit [-], by unit in the map."""
+"""Range of the steering scale that indicates a wrong angle unit [-], by the unit in the map."""
 LOOKAHEAD_M = 2.0  # Look-ahead distance of a pure-pursuit law for which the resulting lateral offset is reported [m]
 FOLLOWED = 0.05  # RMS speed residual divided by the mean speed above which the plant does not follow the speed [-]
 SAME_GAIN = 0.05
-"""Minimum reported relative error of scale and wheelbase combined [-], larger than measurement errors of users."""
+"""Minimum relative error of the yaw-rate gain that is reported [-]. It exceeds the errors of a measured wheelbase."""
 SLIPLESS = 0.5
-"""Ratio of the residual without slip to the plant residual below which the plant is wrong, not the scale [-]."""
+"""Ratio of the residual without slip to the plant residual below which the plant, not the scale, is the cause [-]."""
 JUDGED_S = 10.0  # Minimum duration for evaluating a yaw-rate gain [s]: one or two bends
 WRONG_GAIN = 3.0  # Yaw-rate gain above which the unit of a sensor is wrong, not its scale [-]
 SAME_WAY_M, SAME_LENGTH, SAME_UNIT = 0.05, 0.01, 0.2
 """Limits above which errors are reported: position error in a window [m], relative error of the track length [-], and
 relative error of the track length that indicates a wrong unit [-]."""
 FAST_M_S = 2.5
-"""Minimum speed at which stiffnesses are identifiable [m/s]. Assumed value: K u^2 is a few per cent at this speed."""
+"""Minimum speed for identifying stiffnesses [m/s]. Assumed value, at which K u^2 is a few per cent of the wheelbase."""
 TIGHT = 0.15  # Minimum curvature of a tight bend [1/m]: a radius of 7 m
 QUICK_DEG_S = 10.0  # 95th percentile of the steering rate above which steering counts as quick [deg/s]
 
@@ -151,7 +151,7 @@ def _unit(c: Calibration) -> str:
 
 
 def advice(recordings: Sequence[FieldRecording], missing: Collection[str]) -> list[str]:
-    """Return sentences about manoeuvres that identify the `missing` quantities (keys), or an empty list."""
+    """Return advice on manoeuvres that identify the `missing` quantities (keys), or an empty list."""
     (_, rate, bend), (slow, fast) = excitation(recordings), slow_and_fast(recordings)
     found = []
     if any("stiffness" in key for key in missing):
@@ -233,7 +233,7 @@ def replay_rows(m: Mapping[str, Any]) -> Iterator[tuple[str, float | None, str]]
 
 
 def doubts(found: ReplayResult, tractor: TractorParameters, scaled: bool = False) -> Iterator[str]:
-    """Yield warnings about limits of the plant and errors of the map. `scaled` states whether the scale was fitted."""
+    """Yield warnings about limits of the plant and errors of the map. `scaled` states whether a fit found the scale."""
     m = found.metrics
     angles = [np.abs(recording.steer.at(driven.t)) for recording, driven in found.pieces if recording.steer]
     if angles and (largest := degrees(max(each.max() for each in angles))) > tractor.steer_limit_deg:
@@ -301,7 +301,7 @@ def _way_doubts(place: dict[str, Any] | None) -> Iterator[str]:
 
 
 def twin_sentences(t: Twin) -> list[str]:
-    """Return sentences about the reliability of a twin and about its properties."""
+    """Return sentences about the reliability and the properties of a digital twin."""
     m = t.held_out.metrics
     rate, place = m["yaw_rate"], m["position"]
     parts = []

@@ -1,4 +1,4 @@
-"""Adjustments of the simulation during a drive: quantities applied as faults, and settings that require a restart."""
+"""Quantities that the driver can adjust: some are applied as faults at once, others at the next start of the drive."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -10,8 +10,7 @@ from agrobot_mj.scenario.schema import Scenario
 
 
 class Adjustment(NamedTuple):
-    """Quantity that the driver can adjust during a drive. A new value is applied at the next tick and recorded as a
-    fault."""
+    """Quantity that the driver can adjust during a drive. A new value is applied as a fault from the next tick."""
 
     label: str  # Text of the slider, with the unit
     low: float
@@ -20,11 +19,11 @@ class Adjustment(NamedTuple):
     kind: str  # Kind of the faults that apply the adjustment
     key: str  # Key of the adjusted value in the table of the fault
     others: tuple[Mapping[str, Any], ...] = ({},)
-    """Additional keys of the faults, one table per fault."""
+    """Constant keys of the faults that apply an adjusted value, one table per fault."""
     step: float = 0.001  # Resolution of the slider
 
     def faults(self, value: float) -> list[dict[str, Any]]:
-        """Return the faults that apply `value`, limited to the range, as tables without times.
+        """Return the faults that apply `value`, limited to the slider range, as tables without start and end times.
 
         The list is empty for the neutral value.
         """
@@ -43,13 +42,13 @@ ADJUSTMENTS = {
     "dead_band": Adjustment("valve dead band [+V]", 0.0, 2.0, 0.0, "valve_wear", "dead_band_v", ({"gain_share": 1.0},)),
     "latency": Adjustment("receiver latency [+s]", 0.0, 1.0, 0.0, "gnss_latency", "latency_s", step=TICK_S),
 }
-"""Adjustments by name, in panel order."""
+"""Quantities that the driver can adjust, by name, in the order of the panel."""
 FAULT_S = 5.0  # Default duration of an injected fault [s]
 STEEPEST_DEG = 40.0  # Maximum slope grade that the panel can set [deg]
 
 
 class NextStart(NamedTuple):
-    """Settings that are applied at the next start of the drive."""
+    """Settings that take effect at the next start of the drive."""
 
     grade_deg: float  # Grade of the slope [deg]; level ground becomes a slope
     tyre: str = ""  # Kind of the tyre law, or an empty string to keep the law
@@ -57,24 +56,24 @@ class NextStart(NamedTuple):
 
 
 def fault_kinds() -> list[str]:
-    """Return the fault kinds that a driver can inject, without the kinds used by adjustments."""
+    """Return the types of faults that a driver can inject, without the types used by `ADJUSTMENTS`."""
     used = {each.kind for each in ADJUSTMENTS.values()}
     return [kind for kind in families()["fault"] if kind not in used]
 
 
 def tyre_kinds() -> list[str]:
-    """Return all kinds of tyre models, for firm ground and for soil."""
+    """Return the names of all tyre models, for firm ground and for soil."""
     return list(families()["plant.tyre"])
 
 
 def tyre_kind(scenario: Scenario) -> str:
-    """Return the tyre model kind of a scenario."""
+    """Return the name of the tyre model of a scenario."""
     assert isinstance(scenario.plant, Mujoco)
     return scenario.plant.tyre.kind
 
 
 def restarted(scenario: Scenario, settings: NextStart) -> Scenario:
-    """Return the scenario with the settings applied. Raise `ScenarioError` if a setting is invalid."""
+    """Return the scenario with the settings for the next start. Raise `ScenarioError` if a setting is invalid."""
     keys: dict[str, Any] = {}
     if hasattr(scenario.terrain, "grade_deg"):
         keys["terrain.grade_deg"] = settings.grade_deg

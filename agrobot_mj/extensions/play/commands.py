@@ -31,7 +31,7 @@ def play(
 ) -> Answer:
     """Drive the tractor in a browser, manually or automatically.
 
-    Press Ctrl-C to end. Each drive is saved as a run; `agrobot-mj run` on its scenario repeats it.
+    Press Ctrl-C to end. Each drive is saved as a run; `agrobot-mj run` with its scenario reproduces the drive.
     """
     from agrobot_mj.extensions.play.play import PlayOptions
     from agrobot_mj.extensions.play.play import play as drive

@@ -10,14 +10,15 @@ from agrobot_mj.simulation.snapshot import Snapshot
 from agrobot_mj.simulation.stepping import Simulation, resumed
 
 FREE = {"name", "title", "duration_s", "expected_outcome", "expected_reason", "fault", "guidance"}
-"""Keys that may differ between the two scenarios."""
+"""Scenario keys that may differ between the saved run and its continuation."""
 
 
 def continued(state: Snapshot, scenario: Scenario) -> Simulation:
     """Return a simulation of `scenario` that continues from a state saved during a run of a similar scenario.
 
-    The duration may differ, and faults may be added or changed if they do not change the past. The guidance law must be
-    of the same kind, because it keeps its state. Raises `CommandError` if the past would have been different.
+    The duration may differ, and faults may be added or changed without effect on the past. The type of the guidance law
+    must be the same, because the law keeps its state. Raises `CommandError` for other differences, and for a duration
+    that ends before the present time.
     """
     before, t = state.scenario, fetched(state.loop.seen).t
     changed = [
@@ -49,7 +50,7 @@ def _fault_states(state: Snapshot, scenario: Scenario, now: float) -> tuple[obje
 
 
 def _same_past(ours: Scripted, theirs: Scripted, now: float) -> bool:
-    """Return whether two faults are equal, or differ only in end times later than `now` [s]."""
+    """Return whether two faults are equal, or differ only in their end times, which are later than `now` [s]."""
     if type(ours) is not type(theirs) or ours.model_copy(update={"end_s": theirs.end_s}) != theirs:
         return False
     return ours.end_s == theirs.end_s or min(ours.last_s, theirs.last_s) > now

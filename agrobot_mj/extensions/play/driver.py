@@ -1,4 +1,4 @@
-"""Conversion of the driver's keys, sliders and buttons to session inputs."""
+"""Conversion of the driver's keys, sliders and buttons to steering angle, speed and guidance law."""
 
 from math import isnan, nan, radians
 from typing import NamedTuple
@@ -7,11 +7,12 @@ from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.extensions.play.session import PlaySession
 
 STEER_RATE = radians(30.0)
-"""Steering rate while a key is pressed and while the wheels return [rad/s]. Assumed value (20-60 deg/s)."""
-ACCELERATION_M_S2 = 1.0  # Acceleration while a key is pressed [m/s2]. Assumed value (0.5-2).
+"""Steering rate while a key is pressed and during the return to straight ahead [rad/s]. Assumed value (range 20-60
+deg/s)."""
+ACCELERATION_M_S2 = 1.0  # Acceleration while a key is pressed [m/s2]. Assumed value (range 0.5-2).
 FASTEST_M_S, REVERSE_M_S = 6.0, -2.0  # Maximum speeds forward and in reverse [m/s]
 STALE_S = 0.4
-"""Time without a key message after which all keys count as released [s]. The page is then closed or hidden."""
+"""Time without a key message after which all keys count as released [s]. Closed or hidden pages send no messages."""
 
 
 class Keys(NamedTuple):
@@ -29,12 +30,12 @@ class Keys(NamedTuple):
 
     @property
     def steering(self) -> int:
-        """Steering direction of the pressed keys: 1 left, -1 right, 0 none."""
+        """Steering direction of the pressed keys: 1 for left, -1 for right, 0 for none."""
         return int(self.left) - int(self.right)
 
     @property
     def driving(self) -> int:
-        """Speed change of the pressed keys: 1 faster, -1 slower, 0 none."""
+        """Speed change due to the pressed keys: 1 for faster, -1 for slower, 0 for none."""
         return int(self.faster) - int(self.slower)
 
 
@@ -47,18 +48,18 @@ class PlayDriver:
         self.law_speed = nan
         """Speed setpoint for guidance laws [m/s], or NaN for the speed of the path."""
         self.chosen = 1
-        """Number of the guidance law for the next handover, from 1."""
+        """Number of the guidance law for the next handover. Laws are numbered from 1."""
         self.centring = True
         """Whether the wheels return to straight ahead while no steering key is pressed."""
 
     def take_over(self) -> None:
-        """Return control from a law to the driver, with the current steering angle and speed as setpoints."""
+        """Return control from a guidance law to the driver, with the present angle and speed as setpoints."""
         if self.law:
             truth = self.session.sim.truth
             self.law, self.angle, self.speed = 0, truth.steer, _within(truth.speed)
 
     def hand_over(self, law: int) -> None:
-        """Hand control over to the guidance law with the number `law`, from 1."""
+        """Hand control over to guidance law number `law` (numbered from 1)."""
         self.law = self.chosen = law
 
     def stop(self) -> None:
@@ -67,7 +68,7 @@ class PlayDriver:
         self.speed = 0.0
 
     def set_angle(self, angle: float) -> None:
-        """Switch from the guidance law to the driver, and hold a steering angle [rad]."""
+        """Switch from the guidance law to the driver, and hold a constant steering angle [rad]."""
         self.take_over()
         self.angle, self.centring = angle, False
 
@@ -108,7 +109,7 @@ class PlayDriver:
             self.law, self.angle, self.speed = 0, 0.0, 0.0
 
     def recalled(self) -> None:
-        """Set the steering angle, speed and law to the inputs of the restored session state."""
+        """Set the steering angle, speed and guidance law to the inputs of the restored state."""
         given = self.session.given
         self.law, self.law_speed = given.law, given.speed if given.law else self.law_speed
         if not given.law:

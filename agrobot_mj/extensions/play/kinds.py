@@ -1,4 +1,4 @@
-"""Guidance law kinds of this extension."""
+"""Guidance laws registered by this extension."""
 
 from agrobot_mj.extensions.play.played import Played
 

@@ -1,6 +1,6 @@
-"""Control panel in the viewer: keys, sliders and curves, which exchange messages with the simulation.
+"""Control panel in the viewer, with keys, sliders and curves. The panel exchanges messages with the simulation.
 
-MuJoCo Studio runs this module in a separate thread.
+The panel runs in a thread of MuJoCo Studio.
 """
 
 import time
@@ -24,7 +24,7 @@ HELD = {
     "faster": (KEY.UpArrow, KEY.W),
     "slower": (KEY.DownArrow, KEY.S),
 }
-"""Keys of actions that last while a key is pressed, by action."""
+"""Keys for actions that continue while the key is pressed, by action."""
 PRESSED = {
     "stop": KEY.Space,
     "law": KEY.L,
@@ -35,7 +35,7 @@ PRESSED = {
     "pause": KEY.P,
     "restart": KEY.Backspace,
 }
-"""Keys of actions that are executed once per key press, by action."""
+"""Keys for actions that are executed once per key press, by action."""
 HELP = (
     "arrows or WASD: steer, faster, slower\n"
     "Space stop   L law   H driver   P pause\n"
@@ -50,7 +50,7 @@ LABEL = 125.0  # Width of the sliders in the panel [pixels]
 SHOWN_S = 20.0  # Duration of the signals shown by the curves [s]
 FLAG = imgui.WindowFlags
 FIXED = sum(map(int, (FLAG.NoNav, FLAG.NoTitleBar, FLAG.NoMove, FLAG.NoResize)))
-"""Window flags for a fixed window without title bar, whose widgets ignore keys."""
+"""Window flags for a fixed window without title bar, whose widgets ignore the keyboard."""
 WARNING = imgui.Vec4(0.9, 0.35, 0.1, 1.0)
 
 
@@ -65,7 +65,7 @@ class Press(messages.Event):  # type: ignore[misc, unused-ignore]
 
 @dataclass(frozen=True)
 class Restart(messages.Event):  # type: ignore[misc, unused-ignore]
-    """Message that requests a restart of the drive."""
+    """Message that requests a restart of the drive with new settings."""
 
     settings: NextStart
 
@@ -112,7 +112,7 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
         """Create the panel. The function `aim` points a camera at the tractor."""
         self.aim, self.status, self.fault = aim, PlayStatus(), 0
         self.edited: dict[str, float] = {}
-        """Values of sliders while they are dragged, and of sliders that are applied at a restart."""
+        """Values of sliders that the driver is dragging, and of sliders whose values apply at a restart."""
         self.tyre: int | None = None
 
     @messages.handler
@@ -215,8 +215,8 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
     ) -> None:
         """Draw a slider.
 
-        The slider sends its value while it is dragged (`live`), at a restart (`kept`), or by default when it is
-        released.
+        The value is sent when the slider is released and, if `live`, while it is dragged. If `kept`, the value is only
+        sent at a restart.
         """
         imgui.SetNextItemWidth(LABEL)
         changed, new = imgui.SliderFloat(f"{label}##{name}", self.edited.get(name, value), low, high, "%.2f")

@@ -72,10 +72,10 @@ class Inbox(plugin.SimPlugin):  # type: ignore[misc, unused-ignore]
 
 
 class Play:
-    """Interactive drive with its session, driver and view, which executes the requests of the panel."""
+    """Interactive drive with its session, driver and view, which executes requests from the panel."""
 
     def __init__(self, scenario: Scenario, keep: Callable[[PlaySession], Any]) -> None:
-        """Prepare the first drive. The function `keep` writes the files of a finished drive."""
+        """Prepare the first drive. `keep` is called with the session of each finished drive and writes its files."""
         self.keep, self.paused = keep, False
         self.start(scenario)
         self.laws, self.faults, self.tyres = self.session.law_names, fault_kinds(), tyre_kinds()
@@ -247,7 +247,7 @@ def _loop(
 
 
 def save(session: PlaySession, folder: Path, recorded: bool) -> Log:
-    """Write the files of a drive. The written scenario repeats the drive."""
+    """Write the files of a drive. Running the written scenario reproduces the drive."""
     from agrobot_mj.recording import Recording
 
     with tempfile.TemporaryDirectory() as place:

@@ -1,8 +1,8 @@
 """Guidance by a human driver, and by guidance laws to which the driver hands over.
 
-`agrobot-mj play` sets the input of each tick. With `inputs.file`, the inputs are read from a table, so that a drive is
-repeated. A law that takes over starts at the point of the path nearest to the tractor. Its time on the path starts at
-this point, and advances with the commanded speed divided by the speed of the path.
+`agrobot-mj play` sets the input of each tick. With `inputs.file`, the inputs are read from a table, which reproduces an
+earlier drive. A law that takes over starts at the point of the path nearest to the tractor. The time on the path starts
+at this point and advances at the commanded speed divided by the path speed.
 """
 
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ class PlayRecord(Spec):
     """Recorded inputs of a drive."""
 
     file: str | None = None
-    """CSV file (`inputs.csv`) with inputs of a drive to repeat. Default: none; `agrobot-mj play` provides inputs."""
+    """CSV file (`inputs.csv`) with inputs of a drive to reproduce. Default: none; `agrobot-mj play` provides inputs."""
 
 
 class Played(GuidanceLaw):
@@ -45,9 +45,9 @@ class Played(GuidanceLaw):
     kind: Literal["played"] = "played"
     timed: ClassVar = False
     inputs: PlayRecord = PlayRecord()
-    """Recorded inputs of a drive to repeat."""
+    """Recorded inputs of a drive to reproduce."""
     laws: tuple[dict[str, Any], ...] = ()
-    """Guidance laws that can take over, as tables with a `kind`. The table of inputs numbers the laws from 1."""
+    """Guidance laws that can take over, as tables with a `kind`. In the inputs, laws are numbered from 1."""
     search_s: Annotated[float, Field(gt=0, le=HUGE)] = 120.0
     """Duration of the path, from its start, that is searched for the nearest point [s]. Default: one lap of the paper's
     path; `agrobot-mj play` sets the duration of the first lap."""
@@ -67,7 +67,7 @@ class Played(GuidanceLaw):
 
     @property
     def needs(self) -> dict[str, str]:
-        """Sensors required by the guidance laws, with the reason for each sensor."""
+        """Sensors that the guidance laws require, with the reason for each sensor."""
         return {sensor: f"laws: {text}" for law in self.members for sensor, text in law.needs.items()}
 
     @property
@@ -95,7 +95,7 @@ class Played(GuidanceLaw):
                 )
 
     def using(self, controller: YawController) -> "Played":
-        """Return a copy of this guidance whose laws use the yaw controller `controller`."""
+        """Return a copy of this guidance with the yaw controller `controller` in all laws."""
         found = self.model_copy()
         found._members = tuple(law.using(controller) for law in self.members)
         return found

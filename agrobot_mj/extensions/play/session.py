@@ -1,7 +1,7 @@
 """Interactive drive without a viewer: simulation with driver inputs, adjustments, faults, and result files.
 
-Each adjustment of the machine or the ground becomes a fault in the scenario of the drive, from the next tick. The saved
-scenario therefore repeats the drive.
+Each adjustment of the machine or the ground is recorded in the scenario as a fault that starts at the next tick.
+Therefore the saved scenario reproduces the drive.
 """
 
 from collections.abc import Mapping
@@ -53,7 +53,7 @@ class PlaySession:
 
     @property
     def played(self) -> Played:
-        """Guidance of the drive, of kind `played`."""
+        """Guidance law of the drive."""
         guidance = self.sim.scenario.guidance
         assert isinstance(guidance, Played)
         return guidance
@@ -65,7 +65,7 @@ class PlaySession:
 
     @property
     def driven(self) -> bool:
-        """Whether a law was active or a nonzero speed was set during the drive."""
+        """Whether a guidance law was active or a nonzero speed was set during the drive."""
         return any(given.law or given.speed for _, given in self._changes)
 
     def tick(self) -> None:
@@ -98,30 +98,29 @@ class PlaySession:
         self.given = PlayInput(0, min(max(angle, -limit), limit), speed)
 
     def hand_over(self, law: int, speed: float = nan) -> None:
-        """Hand control over to the guidance law with the number `law`, from 1.
+        """Hand control over to guidance law number `law` (numbered from 1).
 
-        `speed` is its speed setpoint [m/s], or NaN for the speed of the path.
+        `speed` is the speed setpoint of the law [m/s], or NaN for the speed of the path.
         """
         if not 1 <= law <= len(self.law_names):
             raise CommandError(f"law: must be from 1 to {len(self.law_names)}, got {law}")
         self.given = PlayInput(law, 0.0, speed)
 
     def adjust(self, name: str, value: float) -> None:
-        """Set the value of an adjustment from the next tick."""
+        """Set the quantity `name` of `ADJUSTMENTS` to a value, from the next tick."""
         faults = ADJUSTMENTS[name].faults(value)
         if self._script([name], [(f"{name}.{k}", fault, None) for k, fault in enumerate(faults)]):
             self.values[name] = value
 
     def inject(self, kind: str, seconds: float) -> None:
-        """Inject a fault with default parameters at the next tick, for `seconds`."""
+        """Inject a fault with default parameters at the next tick, for a duration of `seconds`."""
         if self._script([], [("", {"kind": kind}, seconds)]):
             self.message = f"{kind} for {seconds:g} s"
 
     def _script(self, ended: list[str], begun: list[tuple[str, dict[str, Any], float | None]]) -> bool:
-        """End the faults of the adjustments `ended`, and start the faults `begun`, at the next tick. Return whether
-        this succeeds.
+        """At the next tick, end the faults of the adjusted quantities `ended` and start the faults `begun`.
 
-        If the scenario becomes invalid, the drive is unchanged and `message` contains the reason.
+        Return whether this succeeds. If the scenario is invalid, the drive is unchanged and `message` has the reason.
         """
         if self.sim.done:
             return False
@@ -170,10 +169,10 @@ class PlaySession:
         return hypot(truth.x - r.x, truth.y - r.y) * (1.0 if side >= 0 else -1.0)
 
     def finished(self, folder: Path) -> Log:
-        """Write the inputs to a folder. Return the log of the drive with a scenario that repeats the drive.
+        """Write the inputs to a folder. Return the log of the drive with a scenario that reproduces the drive.
 
-        The last tick is simulated again with the written inputs, so that the drive and its repetition have the same
-        end.
+        The last tick is simulated again with the written inputs, so that the drive and its reproduction end
+        identically.
         """
         write_inputs(folder / INPUTS, self._changes)
         before = self._before if self._before is not None else self.sim.save()
@@ -185,7 +184,7 @@ class PlaySession:
 
 
 def drivable(scenario: Scenario) -> Scenario:
-    """Return the scenario with guidance by a driver and by the suitable guidance laws.
+    """Return the scenario with guidance by a driver, who can hand over to the suitable guidance laws.
 
     Raise `ScenarioError` for a plant without 3D model or for external guidance.
     """
@@ -219,13 +218,13 @@ def laws_of(scenario: Scenario) -> list[dict[str, Any]]:
 def _without_empty(
     faults: list[dict[str, Any]], still: Mapping[str, int]
 ) -> tuple[list[dict[str, Any]], dict[str, int]]:
-    """Return the faults with positive duration, and the new indices of the active faults."""
+    """Return the faults with positive duration, and the indices of the active faults among these faults."""
     kept = [k for k, fault in enumerate(faults) if fault.get("end_s", fault["start_s"] + 1.0) > fault["start_s"]]
     return [faults[k] for k in kept], {name: kept.index(k) for name, k in still.items()}
 
 
 def _repeating(scenario: Scenario, inputs: Path, ticks: int) -> Scenario:
-    """Return the scenario that repeats a drive of `ticks` ticks with the inputs in a file."""
+    """Return the scenario that reproduces a drive of `ticks` ticks with the inputs in a file."""
     end = ticks * TICK_S
     faults = [
         fault.model_dump(mode="json", exclude_none=True) for fault in scenario.fault if fault.start_s < end - TICK_S / 2

@@ -1,4 +1,4 @@
-"""View of the tractor and its ground in MuJoCo Studio: a model for drawing, with the poses of the simulation."""
+"""View of the tractor and its ground in MuJoCo Studio: a separate model in the pose of the simulated tractor."""
 
 from itertools import pairwise
 from typing import Any
@@ -39,7 +39,7 @@ class PlayView:
         self.data.time = data.time
 
     def aim(self, camera: Any) -> None:
-        """Point a camera at the tractor from behind, and let it track the tractor."""
+        """Point a camera at the tractor from behind. The camera then follows the tractor."""
         w, x, y, z = self.data.qpos[3:7]
         yaw = np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
         camera.type = int(mujoco.mjtCamera.mjCAMERA_TRACKING)

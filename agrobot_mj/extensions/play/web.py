@@ -25,7 +25,7 @@ STATE = "/state"  # URL path of the stream of poses, to which each page that sho
 
 
 class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
-    """Web viewer with a configurable network address. The address of MuJoCo Studio is fixed."""
+    """Web viewer with a configurable network address, unlike the viewer of MuJoCo Studio."""
 
     address = LOOPBACK
     clients = 0
@@ -37,11 +37,11 @@ class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
 
     @_host.setter
     def _host(self, _fixed: str) -> None:
-        """Ignore the fixed address that MuJoCo Studio sets."""
+        """Ignore the fixed network address that MuJoCo Studio sets."""
 
     @property
     def port(self) -> int:
-        """TCP port of the page."""
+        """TCP port on which the viewer serves its page."""
         return int(self._http_sock.getsockname()[1])
 
     def _start_server(self) -> None:
@@ -108,7 +108,7 @@ def launch(
 
 
 def closing(handle: Any) -> threading.Thread:
-    """Start a thread that stops the viewer and its server, and return the thread. Errors of the viewer are printed."""
+    """Start and return a thread that stops the viewer and its server, and prints errors of the viewer."""
 
     def close() -> None:
         try:

@@ -7,10 +7,12 @@ engaged and would otherwise command full lock. The setpoint in a message is vali
 
 A datagram identical to the previous datagram and received within 1 ms is a duplicate from another network interface.
 
-Angles are in rad, left positive. Inside the board, angles are in degrees, right positive, as in the messages. The PWM
-of the motor (-255 to 255, here left positive) is converted to the voltage of the simulated valve. AgOpenGPS boards add
-the offset of message 252 to the sensor counts. The zero button of AgOpenGPS sends the stored offset minus the counts of
-the displayed angle. AgOpenWeb modules subtract the offset. The zero button of AgOpenWeb adds the counts.
+Angles of arguments and results are in rad, left positive. Inside the board and in the messages, angles are in degrees,
+right positive. The PWM of the motor (-255 to 255, left positive) is converted to the voltage of the simulated valve.
+
+AgOpenGPS boards add the offset of message 252 to the sensor counts. The zero button of AgOpenGPS sends the stored
+offset minus the counts of the displayed angle. AgOpenWeb modules subtract the offset, and the zero button sends the
+sum.
 """
 
 from math import degrees, inf, nan, radians
@@ -69,7 +71,7 @@ def true_angle(believed: float, per_degree: int, settings: SteerSettings, config
 
 
 def pwm_of(error: float, settings: SteerSettings) -> int:
-    """Return the PWM for a steering error [rad]: setpoint minus the angle computed by the board."""
+    """Return the motor PWM for a steering error [rad], which is the setpoint minus the angle computed by the board."""
     size = abs(degrees(error))
     drive = int(settings.kp * size)
     if drive == 0:
@@ -144,7 +146,7 @@ class Board(NamedTuple):
     ) -> tuple[BoardState, tuple[bytes, ...]]:
         """Process a datagram at board time `t` [s] and wall-clock time `wall` [s]. Return the state and the replies.
 
-        If `quiet`, the steering state is not sent, because hosts would lose the position that follows shortly.
+        If `quiet`, the steering state is not sent, because hosts would lose the position sent shortly afterwards.
         """
         if datagram == state.last[0] and wall - state.last[1] < REPEAT_S:
             return state._replace(tally=state.tally._replace(repeats=state.tally.repeats + 1)), ()
@@ -189,17 +191,17 @@ class Board(NamedTuple):
         return state.latched and not state.silent and state.asked is not None and self._wants(state.asked)
 
     def report(self, state: BoardState, t: float) -> tuple[BoardState, tuple[bytes, ...]]:
-        """Return the new state and an encoded message with the steering state. `t` is the board time [s]."""
+        """Return the new board state and an encoded message with the steering state. `t` is the board time [s]."""
         answer = SteerState(self._believed(state), switches=self._switches(t), pwm=abs(state.pwm))
         return state._replace(reported_at=t), (encode(answer),)
 
     def report_if_due(self, state: BoardState, t: float) -> tuple[BoardState, tuple[bytes, ...]]:
-        """Return the result of `report` if the last report is older than `FALLBACK_S`, otherwise no message."""
+        """Return the result of `report` if the last report was sent at least `FALLBACK_S` ago, otherwise no message."""
         due = t - state.reported_at > FALLBACK_S - 1e-6
         return self.report(state, t) if due else (state, ())
 
     def _watch(self, state: BoardState, t: float) -> BoardState:
-        """Return the state: released after the watchdog time, and latched after the latch time."""
+        """Return the board state, with `silent` or `latched` set if no steering message has arrived for too long."""
         silence = t - state.heard_at
         if not state.silent and silence > self.spec.watchdog_s:
             lost = state.tally._replace(lost=state.tally.lost + 1)
@@ -231,6 +233,6 @@ class Board(NamedTuple):
         return angle_of(counts, state.settings, self.spec.host)
 
     def _switches(self, t: float) -> int:
-        """Return the switch byte: work switch off, steer switch on from `engage_at_s` (inverted for AgOpenWeb)."""
+        """Return the switch byte: work switch off, steer switch on from `engage_at_s` (bit inverted for AgOpenWeb)."""
         on = self.spec.engage_at_s is None or t >= self.spec.engage_at_s
         return 0x01 | (0x02 if on == (self.spec.host == "agopenweb") else 0x00)

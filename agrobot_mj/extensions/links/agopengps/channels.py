@@ -77,7 +77,7 @@ class RealTime(_Sockets):
 class Answered(_Sockets):
     """Sockets paced by the host. The run continues as soon as the host has replied to a position.
 
-    Suitable for hosts that accept positions at any rate. Without replies, the run is in real time.
+    This pace is suitable for hosts that accept positions at any rate. Without replies, the run is in real time.
     """
 
     def __init__(self, sockets: UdpSockets) -> None:
@@ -85,7 +85,7 @@ class Answered(_Sockets):
         self.pace, self.alive = None, False
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Return the datagrams received so far. If the host did not reply, wait for the rest of a tick."""
+        """Return the datagrams received so far, after a wait for the rest of the tick if the host did not reply."""
         wait = 0.0 if self.alive else TICK_S - BOARD_LOOP_S
         return self._received(time.perf_counter() + wait)
 
@@ -113,7 +113,7 @@ class Replayed:
                 self.turns.setdefault(datagram.turn, []).append(datagram)
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Return no datagrams. `rest` returns all datagrams of a cycle."""
+        """Return no datagrams, because `rest` returns all datagrams of a cycle."""
         return iter(())
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:

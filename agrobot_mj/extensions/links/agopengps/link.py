@@ -1,5 +1,5 @@
-"""Implementation of `agrobot-mj link`: opens a channel, runs the scenario, and writes `link.parquet` and the files of a
-run."""
+"""Implementation of `agrobot-mj link`: opening of a channel, run of the scenario, and output of `link.parquet` and the
+files of a run."""
 
 import tomllib
 from collections.abc import Callable
@@ -53,7 +53,7 @@ def link(
     watchers: tuple[Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Log:
-    """Run a scenario steered by a host and write the results to `folder`. Raises `ScenarioError` or `NoHostError`."""
+    """Run a scenario steered by a host, and write the results to `folder`. Raises `ScenarioError` or `NoHostError`."""
     done = _connected(scenario, options, watchers, should_stop)
     table = done.session.traffic.table(done.session.started, scenario.portable()[0])
     traffic = {"link.parquet": lambda path: pq.write_table(table, path, compression="zstd")}
@@ -62,7 +62,7 @@ def link(
 
 
 def check(scenario: Scenario, options: LinkOptions, should_stop: Callable[[], bool] = lambda: False) -> LinkCheck:
-    """Check the connection to a host in a run of `CHECK_S` seconds. Raises the errors of `link`."""
+    """Check the connection to a host in a run of `CHECK_S` seconds. Raises the same errors as `link`."""
     log = _connected(scenario.changed({"duration_s": CHECK_S}), options, (), should_stop).log
     block = log.metrics["link"]
     return LinkCheck(block, list(check_lines(scenario, log, block)))

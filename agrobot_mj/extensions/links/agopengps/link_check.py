@@ -1,4 +1,4 @@
-"""Check of a connection: message rates, latency, effective wheelbase, settings for the guidance program, missing
+"""Check of a connection: message rates, latency, effective wheelbase, settings of the guidance program, missing
 signals."""
 
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ CHECK_S = 20.0  # Duration of a check [s]
 SURE_M = 0.3  # Maximum half width of the interval of an identified antenna position [m]. Assumed value.
 ANTENNA_ROWS = 10  # Minimum number of positions for an antenna position [-]
 TURNING = 0.02
-"""Minimum RMS yaw rate for an effective wheelbase [rad/s]. Assumed value: bends of 75 m radius at 1.5 m/s."""
+"""Minimum RMS yaw rate for estimating the wheelbase [rad/s]. Assumed value, as in bends of 75 m radius at 1.5 m/s."""
 
 
 def check_lines(scenario: Scenario, log: Log, block: dict[str, Any]) -> Iterator[str]:

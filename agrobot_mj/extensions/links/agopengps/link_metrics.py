@@ -18,13 +18,14 @@ POSITIONS = (b"$PANDA", b"$PAOGI")  # First bytes of the position messages to th
 SETTLED_M = 0.1  # Distance from the line of the host below which the tractor has settled [m]
 LATE_S = 20.0  # Time from the first engagement to the start of the late part of a run [s]
 SHIFT_M = 0.1
-"""Mean deviation of reported from true cross-track error for a warning [m]. Assumed value: twice the resolution."""
+"""Magnitude of the mean error of the reported cross-track error above which a warning is given [m]. Assumed value: five
+times the resolution in messages of AgOpenGPS."""
 LEAST_PACE, LEAST_ANSWERED = 0.95, 0.9
 """Minimum real-time factor and minimum fraction of answered positions for a link without warnings [-]."""
 
 
 def latencies(record: list[Datagram]) -> list[float]:
-    """Return the wall-clock times [s] between each position and the following steering message."""
+    """Return the wall-clock times [s] from each position to the following steering message."""
     found: list[float] = []
     sent: float | None = None
     for datagram in record:
@@ -37,8 +38,8 @@ def latencies(record: list[Datagram]) -> list[float]:
 
 
 def positions_since_heard(record: list[Datagram]) -> int:
-    """Return the number of positions that the host could answer: those after its first steering message and the last
-    one before this message."""
+    """Return the number of positions that the host could answer: the last position before its first steering message,
+    and all later positions."""
     heard = next((k for k, datagram in enumerate(record) if _steers(datagram)), None)
     return 0 if heard is None else any(map(_is_position, record[:heard])) + sum(map(_is_position, record[heard:]))
 
@@ -54,9 +55,9 @@ def _steers(datagram: Datagram) -> bool:
 def cross_track(log: Log) -> dict[str, float | None]:
     """Return metrics of the cross-track error that the host reports while it steers.
 
-    The metrics are the RMS [m], the RMS of the late part [m], the settling time [s], and the mean of true minus
-    reported error in the late part, left positive [m]. Times count from the first engagement. Values are None without
-    samples, or if the error has not settled.
+    The metrics are the RMS error [m], the RMS error in the late part of the run [m], the settling time [s], and the
+    mean of true minus reported error in the late part [m]. Errors are left positive. Times count from the first
+    engagement. Metrics are None without samples, or if the error has not settled.
     """
     engaged, off = log.column("link_engaged") > 0, log.column("link_cross_track")
     if not engaged.any():
@@ -76,7 +77,7 @@ def cross_track(log: Log) -> dict[str, float | None]:
 
 
 def health(block: dict[str, Any]) -> list[str]:
-    """Return one warning for each problem in the metrics of a link."""
+    """Return one warning for each metric of a link outside its limits."""
     found = []
     asked = block.get("pace", 1.0)
     if (pace := block.get("real_time_factor", asked)) < LEAST_PACE * asked:

@@ -48,7 +48,7 @@ class Receiver(NamedTuple):
     spec: AgOpenGps
 
     def measure(self, state: ReceiverState, m: Measurement, truth: Truth, dt: float) -> ReceiverState:
-        """Return the state after the measurements of a tick `dt` [s]. The gyro heading starts at the true heading."""
+        """Return the state after the measurements of a tick of `dt` [s]. Gyro headings start at the true heading."""
         yaw = gyro_heading(state.yaw, m.gyro, truth.yaw, dt)
         heading = m.fix.heading if m.fix is not None and not isnan(m.fix.heading) else state.heading
         attitude = BoardAttitude(heading if self.spec.position == "paogi" else yaw, m.roll, m.pitch, m.gyro)
@@ -79,7 +79,7 @@ class Receiver(NamedTuple):
 
 
 PROGRAMS = {"agopengps": ("AgIO", "its guidance program"), "agopenweb": ("AgOpenWeb", "its guidance")}
-"""Names of the programs that send hello messages and of the programs that send steering messages, by dialect."""
+"""Names, by dialect, of the program that sends hello messages and of the program that sends steering messages."""
 PATIENCE_S = 5.0  # Waiting time after which a message with the name of the missing program is printed [s]
 
 
@@ -100,7 +100,7 @@ class LinkOptions(NamedTuple):
     nmea: tuple[str, int] | None = None
     """Address and port for additional NMEA sentences (GGA, RMC, VTG), or None to send no additional sentences."""
     pace: Literal["answered"] | float = 1.0
-    """Simulated time divided by wall-clock time [-], at most 1, or `answered`: continue after each host reply."""
+    """Simulated time divided by wall-clock time [-], at most 1, or `answered` for a pace set by the host's replies."""
     live: bool = False  # Whether observers receive rows during the run, and not only at its end
     recorded: bool = True
     notify: Callable[[str], None] = lambda text: None
@@ -117,7 +117,7 @@ class Session:
         self.received = ReceiverState()
         self.turn, self.started, self.engaged_ticks, self.latched_ticks = 0, -1, 0, 0
         self.ended: str | None = None
-        """Outcome of the run set by the link, or None if the simulation sets the outcome."""
+        """Outcome of the run determined by the link, or None if the simulation determines the outcome."""
 
     @property
     def now(self) -> float:

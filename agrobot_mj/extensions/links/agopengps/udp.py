@@ -59,7 +59,7 @@ class UdpSockets:
 
     @property
     def address(self) -> tuple[int, int, int, int]:
-        """IPv4 address of this computer in the network of the host. Without a route, the loopback address."""
+        """IPv4 address of this computer in the network of the host, or the loopback address if there is no route."""
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as way, suppress(OSError):
             way.connect(self.target)  # a UDP connection sends nothing
             a, b, c, d = IPv4Address(way.getsockname()[0]).packed
@@ -85,7 +85,7 @@ class UdpSockets:
             self.lost += 1
 
     def receive(self, until: float, most: int = MOST_A_TURN) -> Iterator[Incoming]:
-        """Yield datagrams that have arrived or arrive until the `time.perf_counter` value `until` [s]."""
+        """Yield waiting datagrams, and datagrams that arrive until the `time.perf_counter` value `until` [s]."""
         taken = 0
         while True:
             ready, _, _ = select.select(self.sockets, [], [], max(0.0, until - time.perf_counter()))

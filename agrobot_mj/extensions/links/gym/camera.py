@@ -1,7 +1,7 @@
 """Images of the simulated tractor, rendered by MuJoCo with OpenGL.
 
-The rendered scene is a separate MuJoCo model with tractor, ground, sky and light. Its pose is set from any kind of
-plant.
+The rendered scene is a separate MuJoCo model with tractor, ground, sky and light. The pose of the tractor in this model
+is copied from the plant, which may be of any type.
 """
 
 from itertools import pairwise

@@ -40,7 +40,7 @@ from agrobot_mj.simulation.stepping import Simulation
 
 Range = tuple[float, float] | list[Any]
 """Range of a scenario value: bounds (low, high) of a uniform distribution, or list of equally probable values. With
-integer bounds, the distribution is over integers."""
+integer bounds, values are integers."""
 SEEDS = 2**31  # Number of possible seeds of an episode
 
 
@@ -103,10 +103,10 @@ class FollowPath(gymnasium.Env[Any, Any]):
     ) -> None:
         """Create the environment for a scenario, given by name or path.
 
-        `plant` and `terrain` are names of kinds. `overrides` are scenario values by dotted key. `randomise` are ranges
-        by dotted key, from which each episode samples: (low, high) or a list of values. `preview_m` are the distances
-        ahead at which the path curvature is observed [m]. `image_size` is the width and height of images [pixels].
-        Raises `ScenarioError` for invalid keys and values.
+        `plant` and `terrain` are the values of `plant.kind` and `terrain.kind`. `overrides` contains scenario values,
+        and `randomise` ranges from which each episode samples ((low, high) or a list of values), both by dotted key.
+        `preview_m` contains the distances ahead at which the path curvature is observed [m]. `image_size` is the width
+        and height of images [pixels]. Raises `ScenarioError` for invalid keys and values.
         """
         kinds = {"plant.kind": plant, "terrain.kind": terrain}
         given = {key: kind for key, kind in kinds.items() if kind is not None}
@@ -245,7 +245,7 @@ class FollowPathVector(SyncVectorEnv):
         return deepcopy(self)
 
     def reset(self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None) -> Any:
-        """Start new episodes. `seed` is the seed of the first tractor, or a list. `options`: see `FollowPath`."""
+        """Start new episodes. `seed` is the seed of the first tractor, or a list. For `options`, see `FollowPath`."""
         with held_back():
             return super().reset(seed=seed, options=options)
 

@@ -44,7 +44,7 @@ def along_track(m: Moment) -> float:
 
 
 def reference_speed(m: Moment) -> float:
-    """Return the reference speed along the heading [m/s], negative in reverse."""
+    """Return the component of the reference velocity along the reference heading [m/s], negative in reverse."""
     r = m.sim.reference
     return to_heading(r.yaw, r.vx, r.vy)[0]
 
@@ -70,7 +70,7 @@ SEEN = (
 """Components of every observation, before the path curvatures."""
 
 ROLL = Observed("roll", "rad", pi, "measured roll, left side up positive", lambda m: m.sim.situation.roll)
-"""Component for scenarios with an inertial unit (`sensors.imu.enabled`): measured roll."""
+"""Measured roll, a component for scenarios with an inertial unit (`sensors.imu.enabled`)."""
 
 TRUTH = (
     Observed(
@@ -94,7 +94,7 @@ TRUTH = (
 
 
 def curvature_ahead(distance: float) -> Observed:
-    """Return a component with the path curvature at a preview distance ahead of the nearest path point [m]."""
+    """Return a component with the path curvature at a `distance` [m] ahead of the nearest path point."""
     return Observed(
         f"curvature_{distance:g}m",
         "1/m",
@@ -105,7 +105,7 @@ def curvature_ahead(distance: float) -> Observed:
 
 
 def table(preview_m: tuple[float, ...], imu: bool, privileged: bool) -> tuple[Observed, ...]:
-    """Return the components of an observation in order. Path curvatures are at the distances `preview_m` ahead [m]."""
+    """Return the components of an observation in order, including the path curvatures `preview_m` [m] ahead."""
     ahead = tuple(curvature_ahead(distance) for distance in preview_m)
     return (*SEEN, *ahead, *((ROLL,) if imu else ()), *(TRUTH if privileged else ()))
 

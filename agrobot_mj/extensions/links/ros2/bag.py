@@ -53,7 +53,7 @@ def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:
 
 
 def _waited(file: Path) -> float:
-    """Return the time that a ROS node waited for a program before the run [s], or 0 for a run without a node."""
+    """Return the time for which a ROS node waited for a program before the run [s], or 0 for a run without a node."""
     try:
         waited = json.loads(file.read_text(encoding="utf-8"))["ros2"]["waited_s"]
     except (OSError, ValueError, KeyError, TypeError):

@@ -64,10 +64,11 @@ Content = dict[str, Any]
 EPOCH_NS = round(START.timestamp() * 1e9)  # Time at the start of every run, in nanoseconds since 1970 (UTC)
 NO_FIX, PLAIN_FIX, GROUND_FIX = -1, 0, 2
 STATUS = {Quality.DGPS: PLAIN_FIX, Quality.FLOAT: PLAIN_FIX, Quality.FIX: GROUND_FIX}
-"""NavSatStatus for each solution quality: RTK float as plain fix, RTK fixed as ground-based augmentation."""
+"""NavSatStatus for each solution quality: plain fix for RTK float, ground-based augmentation for RTK fixed."""
 SERVICES = 1 + 2 + 4 + 8  # Bit mask of satellite systems: GPS, GLONASS, BeiDou, Galileo
 UP_SIGMA = 2.0
-"""Standard deviation of the height divided by the horizontal standard deviation [-]. Assumed value (1.5-3)."""
+"""Standard deviation of the receiver height divided by the horizontal standard deviation [-]. Assumed value (range
+1.5-3)."""
 AGAIN_TICKS = 100  # Number of ticks between repetitions of /path and /tf_static, for subscribers that connect later
 PATH_STEP_M, MOST_PATH_POINTS = 0.5, 2000  # Distance between points of /path [m], and maximum number of points [-]
 UNKNOWN_VARIANCE = 1e6  # Variance that marks a component without measurement
@@ -108,7 +109,7 @@ def site_of(scenario: Scenario) -> Site:
 
 
 def messages(s: TickSample, site: Site, yaw: float, time: float | None = None) -> list[tuple[str, Content]]:
-    """Return all messages of a tick with their topics, /clock last. `yaw` is the heading of the inertial unit [rad]."""
+    """Return the messages of a tick with their topics, /clock last. `yaw` is the heading of the inertial unit [rad]."""
     at = stamp(s.t if time is None else time)
     found = [("/fix", fix(s, site, at)), ("/joint_states", joint_states(s, site, at))]
     if isfinite(s.gyro) or isfinite(s.imu_roll):
@@ -134,7 +135,7 @@ def header(at: Content, frame: str) -> Content:
 
 
 def fix(s: TickSample, site: Site, at: Content) -> Content:
-    """Return `sensor_msgs/NavSatFix` of the antenna. The altitude has no noise and ignores the tilt."""
+    """Return `sensor_msgs/NavSatFix` of the antenna. The altitude has no noise and ignores the tilt of the tractor."""
     status = STATUS.get(round(s.gnss_quality), NO_FIX)
     if isnan(s.gnss_x):
         status, (latitude, longitude), variance = NO_FIX, (nan, nan), 0.0
@@ -173,7 +174,8 @@ def imu(s: TickSample, site: Site, yaw: float, at: Content) -> Content:
 
 
 def joint_states(s: TickSample, site: Site, at: Content) -> Content:
-    """Return `sensor_msgs/JointState` of the bicycle model's front wheel and, if measured, of the rear wheels."""
+    """Return the `sensor_msgs/JointState` message with the bicycle model's front wheel and, if measured, the rear
+    wheels."""
     spin = [] if isnan(s.wheel_speed) else [s.wheel_speed / site.wheel_radius]
     return {
         "header": header(at, ""),
@@ -194,7 +196,7 @@ def estimated(s: TickSample, at: Content) -> Content:
 
 
 def true(s: TickSample, site: Site, at: Content) -> Content:
-    """Return `nav_msgs/Odometry` of the true motion of R in the map. Velocities are in axes ahead and left."""
+    """Return `nav_msgs/Odometry` of the true motion of R in the map, with velocities ahead and to the left."""
     up = s.z - site.cg_height
     pose = {"position": vector(s.rear_x, s.rear_y, up), "orientation": quaternion(s.roll, s.pitch, s.yaw)}
     left = s.lateral_speed - site.cg_to_rear_axle * s.yaw_rate

@@ -40,13 +40,13 @@ from agrobot_mj.simulation.storage import write_log
 
 ANSWER_S = 0.025  # Time from the start of a cycle within which an arriving command is effective in this cycle [s]
 SETTLE_S = 0.3
-"""Time without commands after which no replies to earlier clock messages remain in lock-step [s]. Assumed value."""
+"""Time without commands after which replies to earlier clock messages are no longer expected [s]. Assumed value."""
 ASK_TURNS = 60
-"""Number of cycles without a command before the publishers of /cmd_vel are checked. Discovery takes 1-2 s."""
+"""Number of cycles without a command before the publishers of /cmd_vel are checked. Discovery of nodes takes 1-2 s."""
 
 
 SENSORS = {"sensors.imu.enabled": True, "sensors.gyro.enabled": True}
-"""Sensor settings of a run with ROS, unless the scenario sets these keys."""
+"""Sensor settings of the command `ros2`, which override the scenario but not the option `--set`."""
 
 
 class NoProgramError(NotBegunError):
@@ -72,7 +72,7 @@ class Port(Protocol):
         ...
 
     def problem(self) -> str:
-        """Return the reason why no commands arrive, with a fix, or an empty string if the reason is unknown."""
+        """Return the reason why no commands arrive, with a remedy, or an empty string if the reason is unknown."""
         ...
 
 
@@ -113,9 +113,9 @@ class RosSession:
         self.answered = 0
         """Number of the last cycle with a command. In lock-step, the next command is due `every` cycles later."""
         self.latencies: list[float] = []
-        """Wall-clock times from publishing the sensors to the first command of a cycle [s]."""
+        """Wall-clock times from the publication of the sensor messages to the first command of a cycle [s]."""
         self.ended: str | None = None
-        """Outcome of the run set by the link, or None if the simulation sets the outcome."""
+        """Outcome of the run determined by the link, or None if the simulation determines the outcome."""
 
     def run(self, should_stop: Callable[[], bool], tell: Callable[[], None]) -> None:
         """Simulate to the end, with a call of `tell` after each tick.
@@ -244,7 +244,8 @@ def run_over(
     watchers: tuple[Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Log:
-    """Run a scenario over a port and return its log with the metrics block `ros2`. Raises the errors of `ros2`."""
+    """Run a scenario with commands from a port. Return its log with the metrics block `ros2`. Raises `ScenarioError` or
+    `NoProgramError`."""
     session = RosSession(Simulation(scenario), port, options)
     told = options.live or options.pace == "lock_step"
     return run_session(session, lambda log: {"ros2": session.metrics()}, watchers, should_stop, told)

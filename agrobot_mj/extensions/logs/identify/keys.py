@@ -31,7 +31,7 @@ from agrobot_mj.scenario.schema import Scenario
 RANGE = 4.0  # Maximum ratio of a fitted value to the initial value, and of the initial value to a fitted one [-]
 STEP = 0.01  # Relative change of a value for finite differences [-]: large compared with contact noise
 Residuals = dict[tuple[str, int, int], Array]
-"""Residuals by channel, segment and window number. Their number does not depend on the fitted keys."""
+"""Residuals by channel, segment and window number. The number of residuals is independent of the fitted keys."""
 
 
 class FittedKeys(NamedTuple):
@@ -46,7 +46,7 @@ class FittedKeys(NamedTuple):
 
 
 class _Problem:
-    """Least-squares problem with residuals from replays. Unknowns are key values divided by initial values."""
+    """Least-squares problem with residuals from replays. Unknowns are key values divided by their initial values."""
 
     def __init__(self, pieces: Sequence[FieldRecording], scenario: Scenario, start: Mapping[str, float]) -> None:
         self.scenario, self.start = on_wide_ground(scenario, max(map(reach, pieces))), start
@@ -63,7 +63,7 @@ class _Problem:
         return found
 
     def weighted(self, x: Array, _: Any = None) -> tuple[list[Array], None, None]:
-        """Return the weighted residuals (samples, points) for unknowns x (n, points), in the format of the toolbox."""
+        """Return weighted residuals (samples, points) for unknowns `x` (n, points), in the format of `mujoco.sysid`."""
         points = [self.residuals(each) for each in np.reshape(x, (len(self.start), -1)).T]
         rows = {key: np.stack([each[key] for each in points], axis=1) for key in points[0]}
         return [each / self.weights[name] for (name, *_), each in rows.items()], None, None
@@ -77,7 +77,7 @@ def fit_keys(
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> FittedKeys:
-    """Fit scenario keys to logs. Initial values are those of `scenario`. Raises `FieldLogError`, `ScenarioError`."""
+    """Fit scenario keys to logs. Initial values are those of `scenario`. Raises `FieldLogError` or `ScenarioError`."""
     required("absl", "sysid", "a fit of scenario keys")
     toolbox = required("mujoco.sysid", "sysid", "a fit of scenario keys")
     start = {name: _number(scenario, name) for name in names}
@@ -119,7 +119,7 @@ def _number(scenario: Scenario, key: str) -> float:
 
 
 def _residuals(number: int, piece: FieldRecording, driven: Driven) -> Residuals:
-    """Return the residuals of one replayed segment. Raises `FieldLogError` if the plant stopped early."""
+    """Return the residuals of one replayed segment. Raises `FieldLogError` if the replay ended early."""
     if driven.outcome != "completed":
         raise FieldLogError(
             f"{piece.name}: the simulation of the plant ended early ({driven.outcome}); omit this part of the log with "

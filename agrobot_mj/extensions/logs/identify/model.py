@@ -1,16 +1,16 @@
-"""Model of the fit: a linear bicycle with relaxation of the tyre slip, driven by recorded steering and speed.
+"""Model of the fit: a linear bicycle model with relaxation of the tyre slip. Inputs are recorded steering and speed.
 
 The model is independent of the plants, so that an error in a plant does not affect the fit. The state is x = (v, r,
-a_f, a_r): lateral velocity of the CG, yaw rate, and relaxed slip of the tyres. With the lateral velocity w of a wheel
-across its plane and its rolling speed V, the equations are
+a_f, a_r): lateral velocity of the CG, yaw rate, and relaxed slip of the tyres. With the velocity w of a wheel
+perpendicular to its plane and its rolling speed V, the equations are
 
     sigma_f a_f' = w_f - V_f a_f,   w_f = (v + l_f r) cos d - u sin d,   V_f = |u| / cos d,
     sigma_r a_r' = w_r - |u| a_r,   w_r = v - l_r r,
     m (v' + u r) = -C_f cos d a_f - C_r a_r,   I r' = -l_f C_f cos d a_f + l_r C_r a_r.
 
-They are also valid at standstill and in reverse. For small angles, cos d = 1 and sin d = d, as in the paper's bicycle.
-The integrator is the L-stable SDIRK2 [Hairer1996], which allows short relaxation lengths with time constants sigma / u.
-The steering has a play of width b, within which the wheels do not follow, and a first-order lag.
+These equations are also valid at standstill and in reverse. For small angles, cos d = 1 and sin d = d, as in the
+paper's bicycle model. The integrator is the L-stable SDIRK2 [Hairer1996], which allows short relaxation lengths with
+time constants sigma / u. The steering has a play of width b, and a first-order lag.
 """
 
 from math import cos, exp, inf, sin
@@ -28,7 +28,7 @@ SHORTEST_RELAXATION_M = 1e-4  # Minimum relaxation length [m]
 
 
 class Chassis2(NamedTuple):
-    """Vehicle parameters that a fit takes as known."""
+    """Vehicle parameters that a fit treats as known."""
 
     mass: float  # Mass [kg]
     inertia: float  # Yaw inertia [kg m2]
@@ -57,8 +57,8 @@ class LateralMotion(NamedTuple):
 
 
 def wheel_angle(steer: Array, dt: float, backlash: float, lag: float) -> Array:
-    """Return the wheel angle [rad] for sensor angles at steps `dt` [s]. A play of width `backlash` [rad] and a
-    first-order lag `lag` [s] lie between both angles."""
+    """Return the wheel angle [rad] for sensor angles at steps `dt` [s]. The wheels follow the sensor with a play of
+    width `backlash` [rad] and a first-order lag `lag` [s]."""
     angle, keep = np.empty_like(steer), exp(-dt / lag) if lag > 1e-4 else 0.0
     play(steer, 0.5 * max(backlash, 0.0), inf, angle)
     lagged: Array = lfilter([1.0 - keep], [1.0, -keep], angle, zi=[keep * angle[0]])[0]
@@ -67,10 +67,10 @@ def wheel_angle(steer: Array, dt: float, backlash: float, lag: float) -> Array:
 
 @kernel
 def play(angle: Array, half: float, centred: float, out: Array) -> None:
-    """Apply a play of half width `half` [rad] to `angle` (n,). Write the result to `out` (n,), constant within the
-    play.
+    """Apply a play of half width `half` [rad] to `angle` (n,). Write the result to `out` (n,), which is constant within
+    the play.
 
-    A value of `out` above `centred` [rad] in magnitude first returns towards zero, as far as the play allows.
+    A result above `centred` [rad] in magnitude first returns towards `centred`, as far as the play allows.
     """
     out[0] = angle[0]
     for k in range(1, angle.shape[0]):

@@ -1,16 +1,16 @@
 """Identification of the steering from a run: valve (dead band, gains, rate limit, time constant, delay) and backlash.
 
-The model is that of the simulator: `hydraulics.valve_step` at 2 ms with the logged voltage, constant in each tick, a
-rigid cylinder, and play between the cylinder and the wheels. The angle, averaged over a tick as by the potentiometer,
-is compared with `steer_measured` in windows of 5 s. Each window has a separate offset, which removes the effect of
-earlier motion. Least squares fits all parameters at once, with an initial delay from a grid. The delay may be a
-fraction of a step.
+The steering model is that of the simulator: `hydraulics.valve_step` at 2 ms with the logged voltage, constant in each
+tick, a rigid cylinder, and play between the cylinder and the wheels. The simulated angle, averaged over a tick as in
+the potentiometer, is compared with `steer_measured` in windows of 5 s. Each window has a separate offset, which removes
+the effect of earlier motion. Least squares fits all parameters at once, with an initial delay from a grid. The delay
+may be a fraction of a step.
 
-A run only identifies excited parameters. The rate limit is None unless the valve reached it. The backlash is None
-unless the run excites it. Friction holds the wheels within the play. In a bend, above a fitted angle, the tyres push
-the wheels towards straight ahead, against one side of the play. The delay includes the lag due to the compliance of the
-oil (damping divided by stiffness of the cylinder, 8 ms). Windows at the steering stops are omitted. Standard errors
-assume white residuals.
+A run only identifies excited parameters. The rate limit is None unless the valve reached this limit. The backlash is
+None unless the run excites the play. Friction holds the wheels within the play. In a bend, above a fitted angle, the
+tyres push the wheels towards straight ahead, against one side of the play. The delay includes the lag due to the
+compliance of the oil (damping divided by stiffness of the cylinder, 8 ms). Windows at the steering stops are omitted.
+Standard errors assume white residuals.
 """
 
 from collections.abc import Sequence
@@ -46,7 +46,8 @@ LEAST_MOTION_DEG = 0.5  # RMS motion below which a window contains only noise [d
 NEAR_STOP_DEG = 1.0  # Distance from the steering stops below which a window is omitted [deg]
 UNLIMITED_L_MIN = 1e4  # Pump flow that does not limit the steering rate [l/min]
 SURE, PRECISE = 50.0, 0.1
-"""Criteria for an identified rate limit or backlash: minimum reduction of chi squared, maximum relative error [-]."""
+"""Criteria for an identified rate limit or backlash [-]: minimum reduction of chi squared, and maximum standard error
+divided by the value."""
 LEAST_EXPLAINED = 0.5
 """Minimum fraction of the angle variance that a valid fit explains [-]. Assumed value: typical runs give 0.99."""
 COLUMNS = ("t", "valve_voltage", "steer_measured")  # Columns of `signals.parquet` that the fit uses
@@ -54,7 +55,7 @@ NAMES = (
     *("dead_band_v", "gain_left_l_min_v", "gain_right_l_min_v", "time_constant_s", "delay_s"),
     *("rate_limit_deg_s", "backlash_deg"),
 )
-"""Names of the reported parameters in the order of the fit."""
+"""Names of the reported parameters, in the order of the parameter vector."""
 VALVE, RATE_LIMIT, BACKLASH, CENTRED = tuple(range(5)), 5, 6, 7
 """Parameter indices: valve parameters of every fit, and three optional parameters. `CENTRED` is the angle above which
 the tyres press the linkage to one side of its play [deg]."""
@@ -137,8 +138,8 @@ def _with_play(data: Data, fit: Fitted) -> Fitted:
 
 
 def _better(data: Data, fit: Fitted, extra: tuple[int, ...], starts: Sequence[tuple[float, ...]]) -> Fitted:
-    """Return a fit with the additional parameters `extra`, started from the best of `starts`. Return `fit` if the run
-    does not identify the first additional parameter."""
+    """Return a fit that includes the parameters `extra`, started from the best of the initial values in `starts`.
+    Return `fit` if the first of these parameters is not identified."""
 
     def begun(start: tuple[float, ...]) -> Array:
         p = fit.p.copy()
@@ -246,7 +247,7 @@ def _start(data: Data) -> Array:
 
 
 def _fit(data: Data, start: Array, free: tuple[int, ...]) -> Fitted:
-    """Fit the parameters with the indices `free`. The other parameters keep their values in `start`."""
+    """Fit the parameters with the indices `free`, and keep the other parameters at their values in `start`."""
     chosen = list(free)
 
     def whole(p: Array) -> Array:

@@ -1,5 +1,4 @@
-"""Identification of a vehicle from recordings. The first part of the logs is used for the fit, the rest for
-evaluation."""
+"""Identification of a vehicle from recordings: a fit to the first part of the logs, and an evaluation on the rest."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import degrees, inf
@@ -32,13 +31,13 @@ CHOICES = {
     "lag": "steer_lag_s",
     "backlash": "backlash",
 }
-"""Names of the fitted parameters for each value of the option `--fit`."""
+"""Names of the fitted parameters, by name in the option `--fit`."""
 DEFAULT = ("front", "rear", "relaxation", "offset", "delay", "backlash")
-"""Default of `--fit`. It contains a delay but no lag, because slow steering cannot distinguish them."""
+"""Default of `--fit`, with delay but without lag, because slow steering does not separate lag and delay."""
 LEAST_WINDOWS = 6  # Minimum number of windows for a fit: half a minute of driving at speed
 LEAST_STEER_DEG = 0.5  # Minimum RMS steering angle for a fit [deg]
 LEAST_EXPLAINED = 0.5
-"""Minimum fraction of the yaw-rate variance that a valid fit explains on the rest of the log [-]. Assumed value."""
+"""Minimum fraction of the yaw-rate variance that a fit must explain in the evaluation [-]. Assumed value."""
 SEPARABLE = 0.5
 """Maximum half width of the interval of an identified stiffness, divided by the stiffness [-]. Assumed value."""
 PLAUSIBLE = 1.0, 60.0
@@ -63,8 +62,8 @@ class IdentifiedVehicle(NamedTuple):
     residual_deg_s: float  # RMS residual of the fit on the rest of the log [deg/s]
     kinematic_deg_s: float  # RMS residual of a model without slip at the recorded angle [deg/s], on the rest of the log
     moved: dict[str, tuple[float, float]]
-    """Factors on front and rear stiffness caused by a typical error of a quantity missing in the scenario [-]. Keys are
-    descriptions of the error."""
+    """Factors on front and rear stiffness due to a typical error of a quantity that the scenario does not set [-], by
+    description of the error."""
     geometry: str  # Geometry of the steering model: `small angles` or `tangent`
     notes: tuple[str, ...]  # Notes about the parts of the logs that are used
     kept: tuple[FieldRecording, ...]  # Segments of the logs that are used
@@ -82,8 +81,9 @@ def identify_vehicle(
     """Fit parameters `names` (keys of `CHOICES`) to the first fraction `share` of a log, and evaluate the fit on the
     rest.
 
-    Mass, yaw inertia, wheelbase and load fraction are those of the scenario. A `bicycle` plant selects small angles.
-    Raises `FieldLogError` for an unsuitable log, `NothingExplainedError` if the fit explains too little variance.
+    Mass, yaw inertia, wheelbase and load fraction are those of the scenario. The model for a `bicycle` plant assumes
+    small angles. Raises `FieldLogError` for an unsuitable log, `NothingExplainedError` if the fit explains too
+    little variance or is implausible.
     """
     chosen = _chosen(names)
     cut = read_pieces(source, log_map, scenario.tractor.antenna_height_m, start_s, end_s)
@@ -126,8 +126,8 @@ def chassis_of(scenario: Scenario) -> Chassis2:
 
 
 def _other_chassis(scenario: Scenario, chassis: Chassis2) -> Iterator[tuple[str, Chassis2]]:
-    """Yield the description of a typical error, and vehicle parameters with this error. One error is assumed for each
-    quantity missing in the scenario."""
+    """Yield the description of a typical error, and the vehicle parameters with this error, for each quantity that the
+    scenario does not set."""
     given, shift = scenario.tractor.model_fields_set, MORE_IN_FRONT * (chassis.l_f + chassis.l_r)
     if "yaw_inertia_kg_m2" not in given:
         inertia = (1 + MORE_INERTIA) * chassis.inertia
@@ -138,18 +138,18 @@ def _other_chassis(scenario: Scenario, chassis: Chassis2) -> Iterator[tuple[str,
 
 
 def _ratio(before: Mapping[str, float], after: Mapping[str, float], axle: str) -> float:
-    """Return the ratio of the axle stiffness in the fit `after` to the axle stiffness in `before` [-]."""
+    """Return the stiffness of an axle in the fit `after`, divided by its stiffness in the fit `before` [-]."""
     return before[f"{axle}_compliance"] / max(after[f"{axle}_compliance"], 1e-9)
 
 
 def _ages(data: VehicleData) -> list[str]:
-    """Return the names of the latencies to fit. Latencies are relative to the first channel."""
+    """Return the names of the latencies to fit. These latencies are relative to the first channel."""
     later = [f"{name}_delay_s" for name in list(data.channels)[1:]]
     return [*later, "speed_delay_s"] if "position" in data.channels else later
 
 
 def is_plausible(stiffness_per_load: float) -> bool:
-    """Return whether a cornering stiffness divided by the load [1/rad] is plausible for tyres."""
+    """Return whether a cornering stiffness divided by the wheel load [1/rad] is plausible for tyres."""
     return PLAUSIBLE[0] <= stiffness_per_load <= PLAUSIBLE[1]
 
 
@@ -208,7 +208,7 @@ def judged(result: VehicleFit, data: VehicleData) -> tuple[float, float, float]:
 
 
 def _rates(values: Channels, data: VehicleData) -> Array:
-    """Return yaw rates of the gyro or else of the heading over `RATE_S`. Without both, return the positions."""
+    """Return yaw rates of the gyro, or of the heading over `RATE_S`. If neither is measured, return the positions."""
     if "heading" in values and "yaw_rate" not in values:
         steps = max(1, round(RATE_S / data.channels["heading"].spacing))
         t, angle = data.channels["heading"].t, values["heading"]

@@ -28,22 +28,23 @@ WINDOW_S = 5.0  # Length of a window [s]: longer than the dynamics, and short en
 CUT_OFF_HZ = 3.0
 """Cut-off frequency of the low-pass filter of the wheel angle [Hz]. Noise above this frequency would act like a lag."""
 SPEED_CUT_OFF_HZ = 1.0
-"""Cut-off frequency of the low-pass filter of the speed [Hz]: above the accelerations of tractors. With 3 Hz, noise of
-a GNSS speed resembles accelerations, and fits of one machine differ by 0.2 s in the latency of position and speed."""
+"""Cut-off frequency of the low-pass filter of the speed [Hz]: above the frequencies of tractor motion. With 3 Hz, noise
+of a GNSS speed resembles accelerations, and latencies of position and speed differ by 0.2 s between fits of one
+machine."""
 PLAY_CUT_OFF_HZ = (2.0, 8.0)
-"""Range of the cut-off frequency of the filter before the play [Hz]. High values preserve sharp steering reversals."""
+"""Range of cut-off frequencies of the wheel-angle filter for the play model [Hz]. High values keep sharp reversals."""
 PLAYING = radians(0.1)
-"""Target noise of the wheel angle after the filter before the play [rad]. Assumed value: larger noise would move the
-wheels through their play and resemble soft tyres."""
+"""Target noise of the filtered wheel angle at the input of the play model [rad]. Assumed value: larger noise would move
+the wheels through the play and resemble soft tyres."""
 SETTLE_S = 2.0  # Time omitted at the start of a segment [s], until the effects of initial state and play have decayed
 FIT_S = SETTLE_S + WINDOW_S  # Minimum duration of a segment for a fit [s]
 LEAST_SAMPLES = 11  # Minimum number of samples of a channel in a window, which follows from a rate of 2.5 Hz and `FULL`
 LONGEST_PAUSE_S = 0.5
-"""Maximum time between samples in a window without gaps [s], at least 2.5 times the mean spacing."""
+"""Maximum time between samples in a window without gaps [s], unless 2.5 times the mean spacing is longer."""
 FULL = 0.95  # Minimum number of samples in a window, divided by the nominal number [-]
 EVEN, FULL_UNEVEN = 0.9, 0.85
 """Minimum fraction of time steps near the median step for an evenly sampled channel, and value of `FULL` for unevenly
-sampled channels [-]. Assumed values: a sensor slower than the logger by a third repeats values in random rows."""
+sampled channels [-]. Assumed values: a sensor a third slower than its logger repeats values in irregular rows."""
 
 
 class WindowedChannel(NamedTuple):
@@ -73,7 +74,7 @@ class FitPiece(NamedTuple):
 
 
 class VehicleData(NamedTuple):
-    """Recordings prepared for a fit of the vehicle model."""
+    """Recordings prepared for fitting the vehicle model."""
 
     pieces: tuple[FitPiece, ...]
     chassis: Chassis2
@@ -173,7 +174,7 @@ def _piece(recording: FieldRecording, windows: slice, cut_off: float) -> FitPiec
 
 
 def _white_noise(recordings: Sequence[FieldRecording], part: str) -> float:
-    """Return the standard deviation of white noise in an input. A series shared by several segments counts once."""
+    """Return the standard deviation of white noise in the input `part`. A series shared by segments counts once."""
     return scatter(*{id(series): series.value for each in recordings if (series := getattr(each, part))}.values())
 
 
@@ -185,13 +186,13 @@ def _play_cut_off(recordings: Sequence[FieldRecording], noise: float) -> float:
 
 
 def _spacing(series: Sequence[TimeSeries]) -> float:
-    """Return the mean time between samples outside gaps [s]."""
+    """Return the mean sampling interval, excluding gaps [s]."""
     steps = np.concatenate([np.diff(each.t) for each in series])
     return float(np.mean(steps[steps < 2.5 * np.median(steps)]))
 
 
 def _rate(series: Sequence[TimeSeries]) -> tuple[float, float]:
-    """Return the mean time between samples outside gaps [s], and the minimum fraction of samples in a window [-]."""
+    """Return the mean sampling interval, excluding gaps [s], and the minimum fraction of samples in a window [-]."""
     steps = np.concatenate([np.diff(each.t) for each in series])
     usual = float(np.median(steps))
     steps = steps[steps < max(LONGEST_PAUSE_S, 2.5 * usual)]
@@ -201,7 +202,7 @@ def _rate(series: Sequence[TimeSeries]) -> tuple[float, float]:
 
 
 def _windows(recording: FieldRecording, series: TimeSeries, spacing: float, full: float) -> dict[int, TimeSeries]:
-    """Return the complete windows in motion, by window number. All windows have the same number of samples."""
+    """Return the complete windows in which the machine moves, keyed by window number, with equal numbers of samples."""
     start, end = recording.start + SETTLE_S, recording.end
     n, longest = int(full * WINDOW_S / spacing), max(LONGEST_PAUSE_S, 2.5 * spacing)
     fast, found = moving(recording, series.between(start, end)), {}
@@ -234,9 +235,9 @@ SENSORS = {
     "left_m": Parameter(0.0, -10.0, 10.0, 0.05),
     "lean_s2": Parameter(0.01, -0.05, 0.3, 0.01),
 }
-"""Sensor parameters. They do not affect the simulated motion, except the antenna position (relative to the map) if the
-recorded speed is the antenna speed. Body roll shifts the antenna outwards by `lean_s2` times the lateral
-acceleration."""
+"""Sensor parameters. If the recorded speed is that of the antenna, the antenna position (relative to the map) and the
+heading latency also affect the simulated motion. Body roll shifts the antenna outwards by `lean_s2` times the
+lateral acceleration."""
 DYNAMICS = {
     "front_compliance": Parameter(5e-5, 0.0, 2e-3, 1e-5),
     "rear_compliance": Parameter(3e-5, 0.0, 2e-3, 1e-5),
@@ -251,7 +252,7 @@ DYNAMICS = {
     "speed_error": Parameter(0.0, -0.3, 0.3, 0.01),
     "speed_delay_s": Parameter(0.0, -1.5, 1.5, 0.02),
 }
-"""Parameters that affect the simulated motion."""
+"""Parameters that always affect the simulated motion."""
 PARAMETERS = SENSORS | DYNAMICS
 """All identifiable parameters [SI, rad]. Compliances are for a tractor of `MASS_KG` and scale with the mass."""
 
@@ -299,7 +300,7 @@ def _place(p: Mapping[str, float], piece: FitPiece) -> tuple[float, float]:
 
 def predictions(p: Mapping[str, float], data: VehicleData, m: Sequence[LateralMotion] | None = None) -> Channels:
     """Return the predicted values by channel. Positions and headings are aligned with the recording in each window. `m`
-    contains the simulated motion of each segment, or None."""
+    is the simulated motion of each segment; if None, it is simulated first."""
     m = [motion(p, data, piece) for piece in data.pieces] if m is None else m
     each = [_of_piece(p, data, piece, moved) for piece, moved in zip(data.pieces, m, strict=True)]
     return {name: np.concatenate([part[name] for part in each]) for name in data.channels}
@@ -342,7 +343,7 @@ def _point(p: Mapping[str, float], piece: FitPiece, side: Array, x: Array, y: Ar
 
 
 def laid(points: Array, onto: Array, turned: bool) -> Array:
-    """Shift `points` (windows, n, 2) in each window to fit the points `onto`. Also rotate the points if `turned`."""
+    """Shift `points` (windows, n, 2), and rotate them if `turned`, in each window to fit the points `onto`."""
     a, b = (each[..., 0] + 1j * each[..., 1] for each in (points, onto))
     middle = b.mean(axis=1, keepdims=True)
     a, b = a - a.mean(axis=1, keepdims=True), b - middle

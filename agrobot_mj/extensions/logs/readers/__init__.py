@@ -1,8 +1,8 @@
 """Readers for logs of other programs and machines, one per format. `READERS` is the registry.
 
 `open_log` selects a reader by the content of a file and returns the result of this reader. A user-defined reader is a
-class derived from `LogReader`, registered like any other kind. User-defined readers take precedence over the readers of
-the package.
+class derived from `LogReader`, registered like any other component. User-defined readers take precedence over the
+readers of the package.
 """
 
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
@@ -39,7 +39,7 @@ class OpenedLog(NamedTuple):
     name: str
     reader: str  # Kind of the reader that read the log
     source: Source
-    """Table in SI units, or the path of the file if a map must define its columns."""
+    """Table in SI units, or the path of the file if a column map must define its columns."""
     notes: tuple[str, ...]  # Notes about data that were selected or omitted
     log_map: LogMap | None  # Map of the columns, if known and sufficient for a replay; otherwise None
     missing: str  # Text that names quantities missing for a replay, identification or calibration, or ""
@@ -81,7 +81,7 @@ def _of_utf16(path: Path) -> OpenedLog:
 
 
 def _reason(head: Head) -> str:
-    """Return the reason why no reader recognises a file or folder, with a fix."""
+    """Return the reason why no reader recognises a file or folder, with a remedy."""
     name = head.path.name
     if head.path.is_dir():
         return "the folder has neither signals.parquet nor TASKDATA.XML; specify a log or the folder of a run"

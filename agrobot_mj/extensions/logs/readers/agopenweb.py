@@ -2,8 +2,8 @@
 
 The position is that of the rear axle, corrected for roll and drift by AgOpenWeb. The heading in degrees from north is
 fused from antennas, inertial unit and course. The speed is in m/s. The roll in degrees is positive with the right side
-down, as boards send it. Times of day are UTC, from the program and not from the fix. The steering angle, right
-positive, is the command of the guidance, because the recorder has no measured angle.
+down, as in the messages of boards. Times of day are UTC, from the clock of the program and not of the receiver. The
+steering angle, right positive, is the command of the guidance, because the recorder has no measured angle.
 """
 
 from math import radians

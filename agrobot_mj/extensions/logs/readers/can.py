@@ -4,7 +4,7 @@
 curvature reported by the steering (PGN 44032), speeds, and NMEA 2000 positions in single frames.
 
 Signals are defined in ISO 11783-7, SAE J1939-71 and NMEA 2000. Curvatures and yaw rates of ISO 11783 and NMEA 2000 are
-right positive, steering-wheel angles and yaw rates of J1939 left positive, courses and headings clockwise.
+right positive. Steering-wheel angles and yaw rates of J1939 are left positive. Courses and headings are clockwise.
 """
 
 import re
@@ -34,7 +34,7 @@ class BusSignal(NamedTuple):
     directed: bool = False  # Whether the message also contains the direction of travel
 
     def of_counts(self, counts: float) -> float:
-        """Convert counts without an offset to a value. ISO 11783-10 logs contain counts without an offset."""
+        """Convert counts without an offset, as in ISO 11783-10 logs, to a value."""
         value = self.scale * counts
         return wrap(pi / 2 - value) if self.compass else value
 
@@ -116,11 +116,11 @@ DIALECTS = (
     Dialect(re.compile(r"(\d+\.?\d*),0x([0-9A-Fa-f]+),[01],[01],[01],\d+,([\w+/=]*)"), b64decode, 1.0),
     Dialect(re.compile(r"(?:[\d:.]+ -> )?(\d+); ID;([0-9A-F]+) Data;((?:\d+;)*)"), _decimals, 1e3),
 )
-"""Text formats: candump -L, candump -t on a screen, CSV of python-can, and `ms; ID;hex Data;bytes;` of a terminal."""
+"""Text formats: candump -L, screen output of candump -t, CSV of python-can, `ms; ID;hex Data;bytes;` of a terminal."""
 
 
 class CanText(LogReader):
-    """Reader for CAN frames as text of candump, python-can or a sniffer: curvature, steering, speeds, position."""
+    """Reader for text logs of CAN frames (candump, python-can, sniffer): curvature, steering, speeds and position."""
 
     kind: Literal["can"] = "can"
 

@@ -67,7 +67,7 @@ def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
 
 
 def _use(source: Source, m: LogMap) -> str:
-    """Return a text about possible uses of a log with a map, and about reasons against other uses."""
+    """Return a text about the possible uses of a log with a map, and why other uses are impossible."""
     enough = "The log has the columns for"
     try:
         kept = pieces([read_recording(source, m, 0.0)]).kept
@@ -83,7 +83,7 @@ def _use(source: Source, m: LogMap) -> str:
 
 
 def _row(source: Source, name: str, t: Array) -> tuple[str, ...]:
-    """Return a row of the column table. Number cells are empty for a column without numbers."""
+    """Return a row of the column table. For a column without numbers, the number cells are empty."""
     try:
         values = read_columns(source, [name])[name]
     except FieldLogError:

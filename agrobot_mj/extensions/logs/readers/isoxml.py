@@ -1,11 +1,11 @@
 """Reader for ISO 11783-10 task data: time logs in a folder, in a zip archive, or a single TLGnnnnn.XML.
 
-A time log is a pair of files. The XML file describes the records: an empty attribute is stored in every record of the
-.BIN file, an attribute with a value is constant. A record contains the time [ms of the day, days since 1980], the
-position [1e-7 deg], the position status (numbered as the quality of GGA), and the process values that have changed. The
-data dictionary defines a speed, but no wheel angle or heading of a tractor. A log may also contain the bus signals
-`can.SIGNALS`, among others the curvature reported by the steering. Bus signals are stored as counts without offset when
-they change.
+A time log is a pair of files. The XML file describes the records: an attribute without a value is stored in every
+record of the .BIN file; an attribute with a value is constant. A record contains the time [ms of the day, days since
+1980], the position [1e-7 deg], the position status (numbered as the quality of GGA), and the process values that have
+changed. The data dictionary of the standard defines a speed, but no wheel angle or heading of a tractor. A log may also
+contain the bus signals `can.SIGNALS`, such as the curvature reported by the steering. Bus signals are stored as counts
+without offset when they change.
 """
 
 import re
@@ -52,7 +52,7 @@ class TaskData(LogReader):
         return b"<ISO11783_TaskData" in head.data or (b"<TIM" in head.data and b"<PTN" in head.data)
 
     def read(self, path: Path) -> ReadLog:
-        """Return the values of all time logs in chronological order. Damaged logs are read up to the damage."""
+        """Return the values of all time logs in chronological order. Logs are read up to the first damaged record."""
         files = _files(path)
         samples, notes, left = Samples(path, ordered=False), list[str](), MOST_BIN_BYTES
         for name in sorted(each[1] for key in files if (each := TIME_LOG.fullmatch(key))):
@@ -93,7 +93,7 @@ class Layout(NamedTuple):
     keys: tuple[str, ...]  # Position attributes that each record contains
     fixed: dict[str, int]  # Values of the position attributes that are constant, by key
     known: dict[int, tuple[str, BusSignal]]
-    """Source and signal of each known process value, by number of the process value."""
+    """Source and signal of each known process value, by the number of the value."""
     values: int  # Number of process values
 
     def records(self, data: bytes) -> Iterator[Record]:
@@ -173,7 +173,8 @@ def _counts(key: str, text: str) -> int:
 
 
 def _files(path: Path) -> dict[str, Open]:
-    """Return functions that read the task data files, by upper-case file name. Raises `FieldLogError`."""
+    """Return functions that read the task data files, keyed by upper-case file name. Raises `FieldLogError` for a
+    damaged archive."""
     if path.is_file():
         with path.open("rb") as stream:
             if stream.read(4) == b"PK\3\4":

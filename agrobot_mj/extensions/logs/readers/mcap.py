@@ -1,9 +1,9 @@
 """Reader for ROS 2 bags in MCAP: fixes, inertial units, odometry, joints and steering reports, by message type.
 
 Times are the stamps in message headers, if present. `Odometry` gives position, heading and speed along the heading.
-`Imu` gives only the yaw rate, because the origin of its heading is arbitrary. `JointState` gives the mean of the joints
-with "steer" in their names. Topics with "truth" in their names are ignored, because they contain simulated truth. A
-truncated bag is read up to its end. Requires the extra `mcap`.
+`Imu` gives only the yaw rate, because the origin of its heading is arbitrary. `JointState` gives the mean angle of the
+joints with "steer" in their names. Topics with "truth" in their names are ignored, because they contain simulated
+truth. A truncated bag is read up to its end. Requires the extra `mcap`.
 """
 
 from collections.abc import Callable, Iterator

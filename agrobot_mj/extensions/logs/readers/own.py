@@ -38,7 +38,7 @@ class LinkRecord(LogReader):
     """Reader for the record of a link (`link.parquet`): messages from the boards to the guidance program.
 
     The valve voltage is missing, because the motor output in message 253 has no sign. The yaw rate in PANDA sentences
-    is omitted, because its resolution of one degree per second is worse than that of the derivative of the heading.
+    is omitted, because its resolution of 1 deg/s is lower than the resolution of the heading derivative.
     """
 
     kind: Literal["link"] = "link"
@@ -89,7 +89,7 @@ class FreeColumns(LogReader):
         )
 
     def read(self, path: Path) -> ReadLog:
-        """Return the path of the file; its columns are read later. Raises `FieldLogError` without column names."""
+        """Return the path of the file, whose columns are read later. Raises `FieldLogError` without column names."""
         names = column_names(path)
         if not any(names) or (number := next(filter(DECIMAL.fullmatch, names), "")):
             found = f"the number {number}" if any(names) else "no names"

@@ -16,9 +16,9 @@ from agrobot_mj.core.nmea import DGPS_FIX, GPS_FIX, KNOTS, NO_FIX, RTK_FIX, RTK_
 
 Quantities = dict[str, float]
 SENTENCE = pattern(rb"\$([A-Z]{4,5}[A-Z0-9]*,[\x20-\x23\x25-\x29\x2b-\x7e]{0,500})(\*[0-9A-Fa-f]{2})?")
-"""Regular expression for an NMEA sentence among other bytes. The checksum group is None without a checksum."""
+"""Regular expression for an NMEA sentence among other bytes. Without a checksum, the checksum group is None."""
 BEST_FIRST = {"R": RTK_FIX, "F": RTK_FLOAT, "D": DGPS_FIX, "P": 3, "A": GPS_FIX, "E": 6, "M": 7, "S": 8}
-"""GGA quality for each mode letter of the GNS sentence. The first letter in this order determines the quality."""
+"""GGA quality for each mode letter of the GNS sentence. Of several letters, the first in this order applies."""
 KSXT_QUALITY = (NO_FIX, GPS_FIX, RTK_FLOAT, RTK_FIX)  # GGA quality for each quality number of the KSXT sentence
 
 
@@ -39,7 +39,7 @@ def found_in(data: bytes | mmap) -> Iterator[Sentence]:
 
 
 def kind_of(fields: list[str]) -> str:
-    """Return the type of a sentence: its name without talker, or manufacturer name with subtype (`PTNL,AVR`)."""
+    """Return the type of a sentence: its name without talker identifier, or manufacturer and subtype (`PTNL,AVR`)."""
     name = fields[0]
     if name in ("PTNL", "PSTI", "PSAT") or (name == "PASHR" and fields[1][:1].isalpha()):
         return ",".join(fields[:2])

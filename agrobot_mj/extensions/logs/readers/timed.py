@@ -26,7 +26,7 @@ class TimedLines(LogReader):
     kind: Literal["lines"] = "lines"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether most of the first lines match `LINE`, and at least one line contains a JSON object."""
+        """Return whether most of the first lines match `LINE`, and at least one of these contains a JSON object."""
         first = [LINE.fullmatch(line.strip()) for line in head.lines[:FIRST]]
         found = [match[2] for match in first if match]
         return 2 * len(found) > len(first) and any(text.startswith("{") for text in found)

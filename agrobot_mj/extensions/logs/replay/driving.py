@@ -1,9 +1,9 @@
 """Replay on a plant: the speed and either the wheel angle or the valve voltage follow a recording.
 
-In a replay by angle, an ideal valve without lag, dead band and limit replaces the valve of the scenario and follows the
-recorded angle every 10 ms. A replay by voltage uses the valve of the scenario. A pedal without lag imposes the speed.
-An integral controller corrects the speed over ground for wheel slip. A simulated lead-in before the recording brings
-the tractor to the initial speed and angle.
+In a replay of the wheel angle (`by="steer"`), an ideal valve without lag, dead band and limit replaces the valve of the
+scenario and follows the recorded angle every 10 ms. A replay of the voltage uses the valve of the scenario. A pedal
+without lag imposes the speed. An integral controller corrects the speed over ground for wheel slip. A simulated lead-in
+before the recording brings the tractor to the initial speed and angle.
 """
 
 from math import cos, sin
@@ -26,11 +26,11 @@ STEER_RATE = 4.0  # Steering rate of the ideal valve at full voltage [rad/s]
 PEDAL_PER_V_S = 100.0  # Gain of the ideal pedal [1/(V s)], which imposes the recorded speed
 FAST_S = 1e-3  # Time constant of the ideal valve and pump [s], half a physics step
 CORRECTION = 0.5
-"""Fraction of an angle error that the ideal valve corrects per tick [-]. At 1, the oil spring would oscillate."""
+"""Fraction of an angle error that the ideal valve corrects per tick [-]. At 1, the steering would oscillate."""
 INTEGRAL_S = 2.0
-"""Time constant of the integral speed controller [s], long compared with the oil spring of the drive (3 Hz)."""
+"""Time constant of the integral speed controller [s], long compared with driveline oscillations (3 Hz)."""
 DRIVE_DAMPING = 10.0
-"""Factor on the nominal drive damping in a replay [-]. It gives half of the critical damping of the oil spring."""
+"""Factor on the nominal drive damping in a replay [-]. The product is half of the critical damping of the driveline."""
 LEAD_ACCELERATION = 1.0  # Acceleration of the tractor in the lead-in [m/s2]
 LEAD_STEADY_S = 2.0  # Time at the initial speed and angle at the end of the lead-in [s]
 MOVING = 0.05  # Minimum initial speed for which a lead-in is needed [m/s]
@@ -78,7 +78,7 @@ def point_of(truth: Truth, arm: tuple[float, float, float]) -> tuple[float, floa
 
 
 class _Replayer:
-    """Replay of one segment on a plant with ideal pedal and, in a replay by angle, ideal valve."""
+    """Replay of one segment on a plant with an ideal pedal and, if the recorded angle is replayed, an ideal valve."""
 
     def __init__(self, scenario: Scenario, recording: FieldRecording, by: By) -> None:
         self.recording, self.by, self.tractor = recording, by, scenario.tractor
@@ -91,7 +91,7 @@ class _Replayer:
         self.missing = 0.0
 
     def _imposed(self, scenario: Scenario) -> dict[str, float]:
-        """Return the scenario overrides for an ideal pedal and, in a replay by angle, an ideal valve."""
+        """Return the scenario overrides for an ideal pedal and, if the recorded angle is replayed, an ideal valve."""
         pedal = {
             "driveline.pedal_dead_band_v": 0.0,
             "driveline.pedal_rate_per_v_s": PEDAL_PER_V_S,
@@ -114,7 +114,7 @@ class _Replayer:
         }
 
     def run(self, start: Pose) -> Driven:
-        """Return the replayed motion. The lead-in is simulated twice, because its displacement is unknown at first."""
+        """Return the replayed motion. The lead-in is simulated twice, because its final pose is initially unknown."""
         begin = start
         if abs(self.inputs.speed[0]) > MOVING:
             end = self._lead_in(begin)
@@ -180,7 +180,7 @@ class _Replayer:
         )
 
     def _advance(self, steer_voltage: float, speed: float) -> None:
-        """Advance the plant by one tick with a valve voltage [V] and a setpoint of the final speed [m/s]."""
+        """Advance the plant by one tick with a valve voltage [V] and a speed setpoint for the end of the tick [m/s]."""
         if not self.recording.wheel_speed:
             self.missing += (speed - self.truth.speed) * self.tick / INTEGRAL_S
         pedal = (speed + self.missing) / self.full_speed

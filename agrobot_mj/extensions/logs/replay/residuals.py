@@ -21,7 +21,7 @@ from agrobot_mj.extensions.logs.series import LEAST_SPEED, TimeSeries, chords
 START_M = 10.0  # Length of the recorded track to which the initial pose is fitted [m]
 WINDOW_S = 10.0  # Length of a window [s], about the duration of one bend
 STRETCH_S = 1.0
-"""Time between positions for comparing track lengths [s]: long compared with noise, short compared with bends."""
+"""Time between positions for comparing track lengths [s]: long for little effect of noise, but shorter than bends."""
 LARGEST_LAG_S = 0.5  # Maximum lag between two yaw rates that is considered [s]
 
 
@@ -39,7 +39,7 @@ class Rigid(NamedTuple):
 
 
 def rigid(points: Array, onto: Array) -> Rigid:
-    """Return the rigid motion that maps points (n, 2) to the points `onto` (n, 2) with least squared distances."""
+    """Return the rigid motion that maps points (n, 2) to the points `onto` (n, 2) with the least squared distances."""
     a, b = points - points.mean(axis=0), onto - onto.mean(axis=0)
     turn = float(np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum()))
     at_origin = Rigid(turn, np.zeros(2))
@@ -58,13 +58,13 @@ def refined(pose: Pose, recording: FieldRecording, driven: Driven) -> Pose:
 
 
 def first_metres_end(recording: FieldRecording) -> float:
-    """Return the time at which the tractor has travelled the first `START_M` of the track [s]."""
+    """Return the time [s] at which the tractor has travelled the first `START_M` metres of the track."""
     fixes = _first_metres(recording)
     return recording.end if fixes is None else min(float(fixes.t[-1]) + 0.1, recording.end)
 
 
 def _first_metres(recording: FieldRecording) -> TimeSeries | None:
-    """Return positions on the first `START_M` of the track, by recorded speed, or None without positions."""
+    """Return positions on the first `START_M` of the track (from the speed), or None for too few positions."""
     if recording.position is None:
         return None
     fixes = recording.position.between(recording.start, recording.end)
@@ -76,7 +76,7 @@ def _first_metres(recording: FieldRecording) -> TimeSeries | None:
 
 
 def start_pose(recording: FieldRecording, wheelbase: float) -> Pose:
-    """Return the initial pose of R, fitted to the first positions. Default: the origin, with the recorded heading."""
+    """Return the initial pose of R from the first positions or, without positions, the origin and recorded heading."""
     fixes = _first_metres(recording)
     if fixes is None:
         return 0.0, 0.0, float(recording.heading.at(np.array([recording.start]))[0]) if recording.heading else 0.0
@@ -89,7 +89,7 @@ def start_pose(recording: FieldRecording, wheelbase: float) -> Pose:
 
 
 def kinematic(recording: FieldRecording, wheelbase: float) -> tuple[Array, Array, Array]:
-    """Return times, yaw and points (n, 2) of a model without slip, for the recorded wheel angle or else yaw rate."""
+    """Return times, yaw and points (n, 2) of a model without slip, driven by the wheel angle or else the yaw rate."""
     t = np.arange(recording.start, recording.end, 0.02)
     u = np.interp(t, recording.speed.t, recording.speed.value)
     if recording.steer is not None:
@@ -198,7 +198,7 @@ def position_errors(recording: FieldRecording, driven: Driven) -> tuple[Array, A
 
 
 def beside(recording: FieldRecording, driven: Driven) -> tuple[TimeSeries, Array]:
-    """Return recorded positions, and plant positions at the same times (n, 2) [m]. Both may be empty."""
+    """Return recorded positions, and plant positions at the same times (n, 2) [m]. The result may be empty."""
     if recording.position is None:
         return TimeSeries(np.empty(0), np.empty((0, 2))), np.empty((0, 2))
     fixes = recording.position.between(driven.t[0], driven.t[-1])
@@ -206,7 +206,8 @@ def beside(recording: FieldRecording, driven: Driven) -> tuple[TimeSeries, Array
 
 
 def windows(fixes: TimeSeries, model: Array, start: float) -> Iterator[tuple[int, Array, Array]]:
-    """Yield number, mask of positions (n,), and aligned plant positions of each window."""
+    """Yield for each window its number, the mask (n,) of the recorded positions in it, and the plant positions aligned
+    with them."""
     window = ((fixes.t - start) // WINDOW_S).astype(int)
     for k in np.unique(window):
         inside = window == k

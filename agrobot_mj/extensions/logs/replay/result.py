@@ -97,7 +97,8 @@ def replay_pieces(
 
 
 def on_wide_ground(scenario: Scenario, reach: float) -> Scenario:
-    """Return the scenario with flat ground extended to at least `reach` [m] from the origin. Other terrain is kept."""
+    """Return the scenario with flat ground extended to at least `reach` [m] from the origin, if the ground is smaller.
+    Other terrain is unchanged."""
     if scenario.terrain.kind != "flat" or min(scenario.terrain.half_sizes) > reach:
         return scenario
     return scenario.changed({"terrain.half_size_m": float(ceil(reach) + 100)})
@@ -111,7 +112,7 @@ def reach(recording: FieldRecording) -> float:
 
 
 def _driven(recording: FieldRecording, scenario: Scenario, by: By) -> Driven:
-    """Replay a segment from an initial pose that is fitted to the first metres of recorded positions."""
+    """Replay a segment from an initial pose fitted to the first metres of the recorded positions, if any."""
     pose = start_pose(recording, scenario.tractor.wheelbase_m)
     if recording.position is not None:
         first = recording._replace(end=max(first_metres_end(recording), recording.start + 1.0))

@@ -1,4 +1,4 @@
-"""Tyre scrub: fraction of the yaw rate that a plant loses in a slow bend."""
+"""Tyre scrub: fraction of the kinematic yaw rate that a plant loses in slow bends."""
 
 from math import radians
 

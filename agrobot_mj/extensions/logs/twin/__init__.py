@@ -1,4 +1,4 @@
-"""Twin of a machine: simulated machine with parameters identified from logs."""
+"""Digital twin of a machine: a simulated machine with parameters identified from logs."""
 
 from agrobot_mj.extensions.logs.twin.twin import Twin, twin
 

@@ -1,5 +1,5 @@
-"""Machine file of a twin. Some keys are identified from a log, with intervals; the other keys are those of a similar
-machine."""
+"""Machine file of a digital twin. Some keys are identified from a log, with intervals; the other keys are those of a
+similar machine."""
 
 from collections.abc import Mapping
 from math import degrees, isfinite
@@ -21,7 +21,7 @@ MARGIN_DEG = 1.0  # Margin between maximum recorded angle and steering limit [de
 MOST_STEER_DEG = 60.0  # Maximum plausible steering limit [deg]
 BACKLASH = "steering.linkage.backlash_deg"
 MOST_CENTRE_DEG, MOST_SCALE = 20.0, (0.2, 5.0)
-"""Maximum centre error [deg], and range of the scale [-], of a steering sensor in a scenario."""
+"""Limits of a steering sensor in a scenario: maximum centre error [deg], and range of the scale [-]."""
 CARCASS = (0.05, 2.0)  # Range of the lateral stiffness of a tyre carcass divided by its vertical stiffness [-]
 
 
@@ -115,7 +115,7 @@ def _sensors(c: Calibration) -> dict[str, TwinKey]:
 
 
 def _settings(c: Calibration) -> dict[str, TwinKey]:
-    """Return the keys of centre error and scale errors of the steering sensor, relative to the given map."""
+    """Return the keys of the centre error and the scale errors of the steering sensor, relative to the given map."""
     keys, told = dict[str, TwinKey](), c.steer.model_fields_set
     left, right = c.found["steer.scale"], c.found.get("steer.scale_right", c.found["steer.scale"])
     given = c.steer.scale if "scale" in told else left.value

@@ -1,4 +1,4 @@
-"""Report page and files of a twin: machine, scenario with its path, and column map."""
+"""Report page and result files of a digital twin: machine, scenario with its path, and column map."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +18,7 @@ from agrobot_mj.studies.pages.drive import line
 
 
 def page(t: Twin, health: Sequence[str]) -> Document:
-    """Return the report page of a twin. `health` contains sentences about its logs."""
+    """Return the report page of a twin. `health` contains sentences about the logs."""
     c = t.calibration
     facts = [
         f"machine {t.scenario.machine}",

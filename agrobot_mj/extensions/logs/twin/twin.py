@@ -1,4 +1,4 @@
-"""Twin of a machine from its logs: calibration and identification with one part, replay of the rest, result files.
+"""Digital twin of a machine from its logs: calibration, identification, replay of the rest of the logs, and files.
 
 One fit estimates sensors and vehicle, so that intervals of stiffnesses include the uncertainty of the steering scale.
 The evaluation uses the part of the logs that the fit did not use.
@@ -84,8 +84,8 @@ def waypoint_text(points: Array) -> str:
 
 SHARE = 0.6  # Fraction of the time used for the fit; the rest is for evaluation
 SMOOTHING_M = (0.05, 0.1, 0.2, 0.4)
-"""Candidate smoothing distances between path and recorded track [m]. The first distance with a path that the machine
-can follow is used."""
+"""Candidates for the RMS distance between the smooth path and the recorded track [m]. The first candidate with a path
+that the machine can follow is used."""
 LEVEL_M = 450.0  # Extent of a track above which level ground in the scenario must be enlarged [m]
 OF_MAP = ("steer_offset_deg", "steer_scale", "steer_delay_s")
 """Names of the fitted quantities that the map contains as `steer.offset`, `steer.scale` and `steer.delay_s`."""
@@ -94,7 +94,7 @@ MACHINE, SCENARIO, WAY = "machine.toml", "scenario.toml", "way.csv"
 
 
 class Twin(NamedTuple):
-    """Twin of a machine, with the results of its evaluation."""
+    """Digital twin of a machine, with the results of its evaluation."""
 
     name: str  # Names of the logs
     calibration: Calibration
@@ -118,7 +118,7 @@ class Twin(NamedTuple):
 
     @property
     def found(self) -> dict[str, Quantity]:
-        """Estimated parameters of the sensors and the vehicle, by scenario key or key of the map."""
+        """Estimated parameters of the sensors, keyed by map key, and of the vehicle, keyed by quantity name."""
         return {**self.calibration.found, **self.beyond_map}
 
     @property
@@ -135,7 +135,7 @@ def twin(
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> Twin:
-    """Identify the twin of a machine from logs with a common map. Sizes and masses are those of `scenario`.
+    """Identify the digital twin of a machine from logs with a common map. Sizes and masses are those of `scenario`.
 
     Raises `FieldLogError` or `ScenarioError`.
     """
@@ -173,8 +173,8 @@ def _texts(
     points: Array | None,
     faults: Sequence[dict[str, Any]] = (),
 ) -> dict[str, str]:
-    """Return the contents of the result files: the machine file and, if the machine can follow the longest recorded
-    drive, a scenario with waypoints."""
+    """Return the contents of the result files: the machine file and, if the machine can follow the longest forward
+    section, a scenario with waypoints."""
     notes = {key: each.note for key, each in keys.items()}
     title = f"Twin of {name}"
     head = f"Keys with a comment are from the log, with the 95 % interval; the others are from {scenario.machine!r}."
