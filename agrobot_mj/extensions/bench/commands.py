@@ -33,9 +33,9 @@ def validate(
     quick: Annotated[bool, typer.Option("--quick", help="Run shorter manoeuvres, half a minute in total.")] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Compare manoeuvres with their theoretical results.
+    """Compare simulated manoeuvres with theoretical results.
 
-    The exit status is 1 if a number is outside its band.
+    The exit status is 1 if a result is outside its acceptance band.
     """
     from agrobot_mj.extensions.bench.manoeuvres import validate as drive_all
 

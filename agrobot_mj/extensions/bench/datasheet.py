@@ -1,13 +1,13 @@
 """Data sheet of a machine without implement, measured in the simulator on firm ground, as on a proving ground.
 
-Loads are measured at standstill. The turning circle is that of the centre of the rear axle at full lock and crawling
+Loads are measured at standstill. The turning circle refers to the centre of the rear axle at full lock and crawling
 speed. The steering rate is measured at full voltage while rolling, the understeer gradient as in ISO 4138 on a circle
 of 20 wheelbases. The tip-over angle is measured by raising one side on ground with sufficient grip. Brake and drive are
 tested on a slope that increases until the machine rolls off or cannot climb.
 
 Each parameter of a machine has a basis: measured, printed, identified or assumed. The basis of a key in the machine
 file is the first word of its comment, or of the comment above if the key has no comment. For a key that is not set in
-the file, the docstring states the basis. A key whose value follows from the machine size is assumed.
+the file, the docstring states the basis. Values computed from the machine size have the basis "assumed".
 """
 
 import re
@@ -35,15 +35,15 @@ from agrobot_mj.tyres.patch import LOAD
 
 LEVEL = Flat().ground()
 CREEPING_M_S, ROLLING_M_S, SLIPPING_M_S = 0.5, 1.0, 0.005
-"""Maximum speeds in the turning and climbing test and in the steering test, and minimum speed of slipping braked wheels
-[m/s]. An axle that reaches its brake torque first moves at 1-4 mm/s while the tyres of the other axle deflect."""
+"""Maximum speeds in turning and climbing tests and in the steering test, and minimum speed of slipping braked wheels
+[m/s]. Before both axles slip, one axle may move at 1-4 mm/s while the other tyres deflect."""
 CIRCLE_WHEELBASES, FASTEST_M_S = 20.0, 4.0
 """Radius of the circle for the understeer gradient [wheelbases], and maximum speed on this circle [m/s]. The speed is
 at most 0.8 of the top speed."""
 QUICKLY_DEG_S, SLOWLY_DEG_S, SLOWLY_FROM_DEG = 4.0, 0.25, 15.0
 """Rates at which the test slope increases below and above `SLOWLY_FROM_DEG` [deg/s], and this slope [deg]."""
 CLIMBING = 0.7
-"""Speed divided by initial speed below which a machine fails to climb, because its wheels slip too much [-]."""
+"""Fraction of the initial speed below which a machine fails to climb, because its wheels slip too much [-]."""
 STEADY_S = 10.0  # Time at constant pedal position until oscillations of the crawling machine have decayed [s]
 
 
@@ -150,7 +150,7 @@ def _holding(scenario: Scenario) -> float:
 
 
 def _climbing(scenario: Scenario) -> float:
-    """Return the slope at which a crawling machine with a constant pedal falls below `CLIMBING` of its speed [deg]."""
+    """Return the slope at which a crawling machine at constant pedal slows to `CLIMBING` of its initial speed [deg]."""
     driver = _driver(scenario, CREEPING_M_S)
     driver.go(5.0)
     *_, steady = hold(driver.plant, STEADY_S)  # oscillations of large, light machines decay
@@ -176,7 +176,7 @@ SAYS = {
     "assumed": r"(Estimate|Assumed)\b|.*\bAssumed value\b",
     "printed": r"(Maker|Print|Printed|Code|Paper)\b|\[[A-Z][A-Za-z]+\d{4}",
 }
-"""Regular expressions for the start of a comment, by basis of the value."""
+"""Regular expressions for the first words of a comment in a machine file, by basis."""
 CITED = re.compile(r"\[[A-Z][A-Za-z]+\d{4}|Paper,")
 UNKNOWN = "not stated"  # Basis of a value for which the machine file has no comment
 _TABLE, _KEY = re.compile(r"\s*\[([\w.]+)\]\s*(?:#\s*(.*))?$"), re.compile(r"\s*([\w.]+)\s*=[^#]*(?:#\s*(.*))?$")

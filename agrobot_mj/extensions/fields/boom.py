@@ -30,7 +30,7 @@ class Boom(NamedTuple):
     off_ahead: float = 0.0  # Look-ahead time of the switch-off command [s]
 
     def edges(self, section: int) -> tuple[float, float]:
-        """Return the lateral offsets of the left and right edge of a section [m], positive left.
+        """Return the lateral offsets of the left and right edge of a section [m], positive to the left.
 
         Sections are numbered from the left.
         """
@@ -48,7 +48,7 @@ class ImplementMotion(NamedTuple):
     s: Array  # Arc length on the plan at the position of the implement [m], as estimated by the guidance computer
 
     def at(self, times: Array) -> "ImplementMotion":
-        """Return the trajectory at `times` [s], linearly interpolated."""
+        """Return the trajectory at `times` [s] by linear interpolation."""
         return ImplementMotion(times, *(np.interp(times, self.t, values) for values in self[1:]))
 
     def between(self, start: float, end: float) -> "ImplementMotion":
@@ -91,7 +91,7 @@ def _reached(t: Array, s: Array, distance: float) -> float:
 
 
 def worked(motion: ImplementMotion, times: list[Times | None], boom: Boom) -> BaseGeometry:
-    """Return the ground worked in one pass. `times` contains the working interval of each section."""
+    """Return the ground worked in one pass. `times` contains the working time interval of each section."""
     parts = []
     for together, group in groupby(enumerate(times), key=lambda each: each[1]):
         if together is not None:

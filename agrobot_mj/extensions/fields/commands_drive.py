@@ -162,9 +162,9 @@ def _field(file: Path, crs: str, name: str, quiet: bool) -> "Field":
 def _rig(
     field: "Field", width: float, overlap: float, turn: str, speed: float, radius: float | None, given: dict[str, Any]
 ) -> "tuple[Scenario, FieldMachine]":
-    """Return the scenario for planning and the machine data for the planner.
+    """Return the scenario for planning, and the machine data for the planner.
 
-    The path of the scenario contains the turn radius, transition and speed of the plan.
+    The path of the scenario contains the turn radius, the transition type and the speed of the plan.
     """
     from agrobot_mj.core.errors import ScenarioError
     from agrobot_mj.extensions.fields.drive import planning_scenario

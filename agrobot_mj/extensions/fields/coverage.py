@@ -64,8 +64,7 @@ def _areas(found: FieldCoverage, region: BaseGeometry) -> dict[str, float]:
 
 
 def gaps(found: FieldCoverage) -> list[dict[str, Any]]:
-    """Return the missed area at each location, in order of decreasing area. A location is the body or one headland
-    side."""
+    """Return the missed area of the body and of each headland side, in order of decreasing area."""
     middle = found.field.centroid
     sums: dict[str, float] = {}
     for part, region in (("headland", found.field.difference(found.body)), ("body", found.body)):
@@ -88,10 +87,9 @@ def side_of(east: float, north: float, field: BaseGeometry) -> str:
 
 
 def excursion(outlines: Mapping[str, Array], field: BaseGeometry) -> dict[str, Any]:
-    """Return the maximum distance [m], area [m2] and side of the excursions beyond the boundary of `field`.
+    """Return the maximum distance [m], area [m2] and side of the excursions beyond the boundary of `field`, by name.
 
-    `outlines` contains arrays of polygons (n,) by name, such as the tractor during a drive. The result has the same
-    names.
+    `outlines` contains arrays of polygons (n,) by name, such as the outlines of the tractor during a run.
     """
     shapely.prepare(field)
     return {name: _excursion(boxes, field) for name, boxes in outlines.items()}

@@ -35,7 +35,7 @@ class CropRows(NamedTuple):
 def crop_rows(plan: Plan, spacing: float | None, angle_deg: float | None) -> CropRows | None:
     """Return the spacing and direction of crop rows, or None without `spacing`. Default direction: along the swaths.
 
-    Raise `ScenarioError` for a spacing without a direction, or a direction without a spacing.
+    Raise `ScenarioError` if only a direction is given, or only a spacing for a plan without a swath direction.
     """
     angle = plan.angle_deg if angle_deg is None else angle_deg
     if spacing is None and angle_deg is not None:
@@ -92,8 +92,8 @@ def _tramlines(plan: Plan, rig: FieldMachine, tractor: TractorParameters) -> lis
 def wheel_tracks(
     tractor: TractorParameters, t: Array, x: Array, y: Array, yaw: Array, steer: Array
 ) -> list[BaseGeometry]:
-    """Return the ground under the four wheels for n poses of the CG at increasing times `t`, in segments of
-    `PART_S`."""
+    """Return the ground under each of the four wheels in each interval of `PART_S`, for n CG poses at increasing times
+    `t`."""
     found, c, s = list[BaseGeometry](), np.cos(yaw), np.sin(yaw)
     starts = np.arange(t[0], t[-1], PART_S)
     for ahead, width, angle in (

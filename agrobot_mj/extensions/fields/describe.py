@@ -39,7 +39,7 @@ def described(field: Field) -> dict[str, Any]:
 
 
 def lines_of(content: Mapping[str, Any]) -> list[str]:
-    """Return the output of `described` as lines of text."""
+    """Return the description from `described` as lines of text."""
     corners, plural = content["sharp_corners"], "s" * (content["holes"] != 1)
     first = f"{content['field']}: {content['area_m2'] / 1e4:.4g} ha, perimeter {content['perimeter_m']:.0f} m"
     inner = f"{content['holes']} hole{plural}" if content["holes"] else ""
@@ -62,7 +62,7 @@ def _rings(polygon: Polygon) -> Iterator[Array]:
 
 
 def _sharp(ring: Array) -> Iterator[tuple[float, float, float]]:
-    """Yield x [m], y [m] and change of direction [deg], positive left, of each sharp corner of a ring."""
+    """Yield x [m], y [m] and change of direction [deg], positive to the left, of each sharp corner of a ring."""
     points = shapely.get_coordinates(Polygon(ring).simplify(CORNER_M).exterior)
     legs = np.diff(points, axis=0)
     yaws = np.arctan2(legs[:, 1], legs[:, 0]).tolist()

@@ -20,7 +20,7 @@ Overrides = Mapping[str, Any]
 def planning_scenario(name: str, path: Overrides, overrides: Overrides) -> Scenario:
     """Return a scenario for planning. Raise `ScenarioError` for invalid overrides.
 
-    `path` contains the turn radius, transition and speed, as keys of a path of kind `swaths`.
+    `path` contains the turn radius, transition and speed, as keys of a `swaths` path.
     """
     data = {"name": name, "path": {"kind": "swaths", **path}}
     return resolve(data, name, overrides, files=False)

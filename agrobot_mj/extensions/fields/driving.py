@@ -39,7 +39,7 @@ FILES = ("coverage.json", "coverage.geojson", "coverage.png", "coverage.tif")
 
 
 class Hectares(Progress):
-    """Progress bar of a simulation that also shows the planned worked area at the current time [ha]."""
+    """Progress bar of a simulation that also shows the area worked so far according to the plan [ha]."""
 
     def __init__(self, plan: Plan, path: Any) -> None:
         super().__init__()
@@ -108,7 +108,7 @@ def drive(
 
 
 def write_coverage(folder: Path, field: Field, drove: FieldDrive, content: dict[str, Any], track: Array) -> None:
-    """Write the coverage of a simulated drive as JSON, GeoJSON, raster map and figure."""
+    """Write the coverage of a simulated run as JSON, GeoJSON, raster map and figure."""
     write_json(folder / "coverage.json", content)
     write_json(folder / "coverage.geojson", geojson(drove.field, drove.plan, drove.coverage, field.plane))
     with atomic(folder / "coverage.tif") as path:

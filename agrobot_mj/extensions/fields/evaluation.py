@@ -28,7 +28,7 @@ AROUND_M = 5.0
 
 @dataclass(frozen=True)
 class FieldDrive:
-    """Simulated field work: view of the log, plan, field areas and machine data."""
+    """Simulated field work: run, plan, field areas and machine data."""
 
     view: RunView
     plan: Plan
@@ -95,7 +95,7 @@ class FieldDrive:
 
     @cached_property
     def outlines(self) -> dict[str, Array]:
-        """Outlines of tractor and implement at points of the drive, as polygons (n,) by name."""
+        """Outlines of tractor and implement at points of the run, as polygons (n,) by name."""
         rows = self._thin
         column, motion = self.log.column, self.motion
         at = np.searchsorted(motion.t, column("t")[rows]).clip(0, len(motion.t) - 1)
@@ -107,7 +107,7 @@ class FieldDrive:
 
     @cached_property
     def _thin(self) -> Index:
-        """Row indices of the log at a spacing of about 0.5 m along the drive."""
+        """Row indices of the log at a spacing of about 0.5 m along the track."""
         x, y = self.log.column("x"), self.log.column("y")
         travelled = np.concatenate(([0.0], np.cumsum(np.nan_to_num(np.hypot(np.diff(x), np.diff(y))))))
         rows: Index = np.flatnonzero(np.diff(np.floor(travelled / THIN_M), prepend=-1.0) > 0)

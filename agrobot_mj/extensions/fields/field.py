@@ -23,7 +23,7 @@ class Field:
     """Polygon bounded by the headland line of the file [m], or None for a file without headland line."""
     crs: str = ""  # Coordinate system of the file, for example EPSG:32631. Empty for metres in an unknown system.
     shift: tuple[float, float] = (0.0, 0.0)
-    """East and north offsets subtracted from the coordinates of the file [m], or 0 for a file in degrees."""
+    """East and north offsets subtracted from the file's coordinates [m], or 0 for coordinates in degrees."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Path and metric kinds of this extension."""
+"""Path type and metric of this extension."""
 
 from agrobot_mj.extensions.fields.plan_path import FieldPlan
 from agrobot_mj.extensions.fields.work_metric import FieldWork

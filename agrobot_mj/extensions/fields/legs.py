@@ -79,7 +79,7 @@ def _speed(said: Mapping[str, Any]) -> float | None:
 
 
 def _works(said: Mapping[str, Any]) -> bool:
-    """Return whether the implement works on a line, from the properties of the line. Default: True."""
+    """Return whether the implement works on a line according to the properties of the line. Default: True."""
     for key in ("working", "work", "implement"):
         if isinstance(said.get(key), bool | int | float):
             return bool(said[key])
@@ -87,7 +87,7 @@ def _works(said: Mapping[str, Any]) -> bool:
 
 
 def _reverses(said: Mapping[str, Any]) -> bool:
-    """Return whether a line is travelled in reverse, from the properties of the line."""
+    """Return whether the properties of a line specify travel in reverse."""
     direction = said.get("direction")
     if isinstance(direction, int | float):
         return direction < 0

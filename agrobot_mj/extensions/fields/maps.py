@@ -66,7 +66,7 @@ def _fill(axes: Any, area: BaseGeometry, colour: str) -> None:
 
 
 def _lines(plan: Plan) -> Iterator[tuple[str, Array]]:
-    """Yield the type (`pass` or `turn`) and the points (n, 2) [m] of each course part of a plan."""
+    """Yield the type (`pass` or `turn`) and the points (n, 2) [m] of each pass and each turn of a plan."""
     course = plan.course.divided()
     x, y, _ = course.joints()
     points, distances = np.column_stack([x, y]), course.distances()

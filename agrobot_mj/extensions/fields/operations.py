@@ -27,9 +27,9 @@ class StraightPass(NamedTuple):
 
 
 def pass_to_pass(lines: Sequence[StraightPass], width: float) -> dict[str, Any]:
-    """Return pass-to-pass errors of adjacent passes and cross-track errors at the implement [m].
+    """Return the pass-to-pass errors of adjacent passes and the cross-track errors at the implement [m].
 
-    A value is None for fewer than `LEAST` points.
+    Errors from fewer than `LEAST` points are None.
     """
     ranked = sorted(((line.planned, *_errors(line)) for line in lines), key=lambda each: each[0])
     differences = [np.empty(0)]
@@ -47,8 +47,8 @@ def pass_to_pass(lines: Sequence[StraightPass], width: float) -> dict[str, Any]:
 
 
 def _errors(line: StraightPass) -> tuple[Array, Array]:
-    """Return the indices of points spaced by STATION_M along a pass, and the lateral errors at the points [m], positive
-    left."""
+    """Return the indices of points spaced by STATION_M along a pass, and the lateral errors at these points [m],
+    positive to the left."""
     (c, s), motion = line.along, line.motion
     along, error = c * motion.x + s * motion.y, -s * motion.x + c * motion.y - line.planned
     order = np.argsort(along)
@@ -64,7 +64,7 @@ def _p95(values: Array) -> float | None:
 def turn_of(boxes: Array, at: tuple[float, float, float], t: Array, steer: Array) -> dict[str, float]:
     """Return the position, duration [s], swept width [m] and peak steering angle [deg] of a turn.
 
-    `boxes` are outlines of tractor and implement in the turn; `at` is the pose of the implement at the end of the pass.
+    `boxes` contains outlines of tractor and implement in the turn; `at` is the implement pose at the end of the pass.
     The swept width is the maximum distance of the outlines beyond this pose, in the direction of the pass.
     """
     x, y, yaw = at

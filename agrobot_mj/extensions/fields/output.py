@@ -25,14 +25,14 @@ def write_plan(folder: Path, field: Field, plan: Plan) -> None:
 
 
 def write_scenario(folder: Path, field: Field, plan: Plan, base: Scenario, overrides: Mapping[str, Any]) -> None:
-    """Write a scenario that follows the plan file in `folder`, for example for comparisons and sweeps."""
+    """Write a scenario for following the plan file in `folder`, for example for comparisons and sweeps."""
     scenario = driving_scenario(field, plan, (folder / PLAN_FILE).absolute(), base, overrides)
     with atomic(folder / "scenario.toml") as path:
         path.write_text(scenario.portable()[0], encoding="utf-8")
 
 
 def plan_text(plan: Plan, field: Field, depth: float) -> tuple[str, dict[str, Any]]:
-    """Return a text summary of a plan and the numbers in the summary. `depth` is the depth of the turns [m]."""
+    """Return a text summary of a plan, and its numbers. `depth` is the headland width required for the turns [m]."""
     ideal = areas(planned_coverage(plan, whole_of(field), body_of(field, plan)))["field"]
     swaths = sum(one.part == "body" for one in plan.passes)
     numbers = {

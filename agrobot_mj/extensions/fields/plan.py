@@ -43,9 +43,9 @@ class Plan:
     passes: tuple[PlannedPass, ...]  # Passes in the order of driving
     pause_s: float = 2.0  # Duration of the standstill at each cusp [s]
     angle_deg: float | None = None
-    """Direction of straight swaths, counter-clockwise from east [deg], or None for curved swaths and plans of other
-    programs."""
-    headlands: int = 0  # Number of headland laps, or 0 for a plan of another program
+    """Direction of straight swaths, counter-clockwise from east [deg], or None for curved swaths and plans imported
+    from other programs."""
+    headlands: int = 0  # Number of headland laps, or 0 for an imported plan
     margin: float = 0.0  # Width of the strip along the boundary that is not worked [m]
     overlap: float = 0.0  # Planned overlap between neighbouring passes [m]
     ground: str = ""  # Area of the field without obstacles, as well-known text [m]

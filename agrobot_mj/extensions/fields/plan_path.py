@@ -20,7 +20,7 @@ class FieldPlan(FromFile):
 
     @property
     def plan(self) -> Plan:
-        """Plan stored in `file`. Raise ValueError if the file is invalid."""
+        """Plan stored in `file`. Raises ValueError if the file is invalid."""
         return self.content(plan_of)
 
     def course(self) -> Course:

@@ -9,7 +9,7 @@ from agrobot_mj.extensions.fields.plan import Plan
 
 
 def planned_coverage(plan: Plan, whole: BaseGeometry, body: BaseGeometry, sections: int = 1) -> FieldCoverage:
-    """Return the coverage of a plan that is followed exactly with a rigidly mounted implement.
+    """Return the coverage of a plan that the tractor follows exactly with a rigidly mounted implement.
 
     `whole` is the field area, and `body` the area inside the headland laps.
     """

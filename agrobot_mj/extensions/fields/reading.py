@@ -35,7 +35,7 @@ def read_field(path: Path, crs: str = "", name: str = "") -> Field:
     """Return the field `name` in a file. Default: the largest field.
 
     `crs`, such as EPSG:25832, is the coordinate system of a file that specifies no coordinate system. Raise a
-    `ScenarioError` that names the file and the fix if the file is unusable.
+    `ScenarioError` that names the file and the remedy if the file is unusable.
     """
     file = field_shapes(path)
     try:
@@ -75,8 +75,7 @@ def _groups(shapes: Sequence[Polyline]) -> list[list[Polyline]]:
 
 
 def _is_open_line(shapes: Sequence[Polyline], ring: Array) -> bool:
-    """Return whether the points of `ring` are a line with distant ends. Tables of points and closed rings give
-    False."""
+    """Return whether the points of `ring` form a line with distant ends, unlike tables of points and closed rings."""
     if any(shape.ring or shape.role == "point" or "row" in shape.columns for shape in shapes):
         return False
     return float(np.hypot(*(ring[-1] - ring[0]))) > APART * float(np.ptp(ring, axis=0).max())
@@ -156,7 +155,7 @@ def _field(local: LocalShapes, name: str, notes: list[str]) -> Field:
 def _middle(field: Field, file: ShapeFile) -> LocalShapes | None:
     """Return a local plane with its origin at the middle of the boundary, or None if the present origin is kept.
 
-    The first plane of a file may be off-centre because of points and rings that are later omitted.
+    The first plane of a file may be off-centre, because it includes points and rings that are later omitted.
     """
     west, south, east, north = field.boundary.bounds
     x, y = (west + east) / 2, (south + north) / 2
@@ -170,7 +169,7 @@ def _middle(field: Field, file: ShapeFile) -> LocalShapes | None:
 def read_plan(path: Path, field: Field, crs: str = "") -> tuple[Leg, ...]:
     """Return the legs of a plan file in the plane of a field.
 
-    Raise a `ScenarioError` that names the file and the fix if the file is unusable.
+    Raise a `ScenarioError` that names the file and the remedy if the file is unusable.
     """
     file = plan_shapes(path)
     try:
@@ -187,8 +186,7 @@ def read_plan(path: Path, field: Field, crs: str = "") -> tuple[Leg, ...]:
 
 
 def _grid(file: ShapeFile, field: Field) -> str:
-    """Return the coordinate system of the field for a plan in map grid coordinates without a named system, otherwise
-    ""."""
+    """Return the field's coordinate system for a plan in map grid coordinates that names no system, otherwise ""."""
     if file.crs or file.origin is not None or field.plane is None or field.crs in ("", "EPSG:4326"):
         return ""
     points = np.vstack([np.empty((0, 2)), *(shape.points for shape in file.shapes)])

@@ -102,7 +102,7 @@ def _filled(x: list[float | None], y: list[float | None], colour: str) -> dict[s
 
 
 def _outline(features: list[dict[str, Any]], origin: Origin | None) -> tuple[list[float | None], list[float | None]]:
-    """Return the x and y coordinates of all polygon rings [m], with None between two rings."""
+    """Return the x and y coordinates of all polygon rings [m], with None as separator between rings."""
     x: list[float | None] = []
     y: list[float | None] = []
     for ring in (ring for each in features for ring in _rings(each["geometry"])):

@@ -21,9 +21,9 @@ TASKDATA = "TASKDATA.XML"
 MOST_UNPACKED_BYTES, MOST_MEMBERS = 300_000_000, 5_000
 """Maximum unpacked size of a zip archive [bytes], and maximum number of its files."""
 PREFERRED = (".shp", ".geojson", ".kml", ".gml", ".gpx", ".json", ".wkt", ".csv")
-"""File extensions in order of preference, for folders and archives of other formats."""
+"""File extensions in order of preference, for folders and archives without files of AgOpenGPS or ISO 11783."""
 BOUNDARIES, PLANS = ("Boundary.txt", "Headland.txt"), ("RecPath.txt", "TrackLines.txt")
-"""AgOpenGPS files of a field, all of which are read, and of a plan, in order of preference."""
+"""AgOpenGPS files of a field boundary, all of which are read, and files of a plan, in order of preference."""
 
 
 def field_shapes(path: Path) -> ShapeFile:
@@ -76,7 +76,7 @@ def _unpacked(path: Path) -> Iterator[Path]:
 
 
 def _of_folder(folder: Path, of_agopengps: Callable[[Path], ShapeFile]) -> ShapeFile:
-    """Return the shapes of the first readable file in a folder or in its direct subfolders."""
+    """Return the shapes of the first task data, AgOpenGPS field or other file in a folder or its direct subfolders."""
     for place in (folder, *sorted(each for each in folder.iterdir() if each.is_dir())):
         if tasks := [each for each in place.iterdir() if each.name.upper() == TASKDATA]:
             return _task_data(tasks[0])

@@ -9,7 +9,7 @@ from agrobot_mj.scenario.schema import Scenario
 
 
 class FieldWork(Metric):
-    """Coverage of a field and excursions beyond its boundary, with sections that switch without delay."""
+    """Coverage of a field and excursions beyond its boundary, for implement sections that switch without delay."""
 
     kind: Literal["field_work"] = "field_work"
     columns: ClassVar[tuple[Column, ...]] = (
@@ -22,7 +22,7 @@ class FieldWork(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return coverage and excursions. The result is empty for other paths and for runs without motion."""
+        """Return coverage and excursions. The result is empty without a field plan, and for runs without motion."""
         if not isinstance(view.path, FieldPlan) or not view.path.plan.ground:
             return {}
         import shapely

@@ -3,13 +3,12 @@
 The static valve map for steering to side i (left, right) outside the dead band d_i is: rate = g_i (v - d_i), with the
 gain g_i. The spool voltage v is computed from the commanded voltage with the delay and lag given by the keys.
 
-Each time segment in which v stays outside the dead band of one side gives one equation for g_i and g_i d_i. Both are
-updated with forgetting and projected onto bounds. The equation does not hold if the wheels hardly turned in the
-segment, or turned with v inside the dead band. In these cases only d_i is changed slightly.
+Each time segment in which v stays outside the dead band of one side gives one equation for g_i and g_i d_i. Both
+parameters are updated with a forgetting factor and limited to bounds. The equation does not hold if the wheels hardly
+turned in the segment, or turned with v inside the dead band. In these cases only d_i is changed, by a small amount.
 
-The command is the inverse of the map for the rate that corrects the error within `answer_s`. The error refers to the
-angle predicted for the end of the valve delay, because voltages already commanded are still effective until then.
-
+The command is found by inverting the map for the rate that corrects the error within `answer_s`. The error refers to
+the angle predicted for the end of the valve delay, because voltages already commanded are still effective until then.
 The loop returns to the initial map if the learned map predicts steering rates less accurately than the initial map.
 """
 
@@ -28,23 +27,23 @@ from agrobot_mj.core.spec import Latency, Positive
 from agrobot_mj.extensions.learners.learning import require_quantity
 
 GAIN_SHARES, WIDEST_V = (0.15, 4.0), 3.0
-"""Range of gain divided by initial gain [-], and maximum dead band [V]. Assumed values: worn to fast valves."""
+"""Range of gain divided by initial gain [-], and maximum dead band [V]. Assumed values, from worn to fast valves."""
 SHORTEST_S, LONGEST_S = 0.2, 0.4
-"""Minimum and maximum duration of a time segment used for learning [s]. Assumed values: angle noise of 0.07 deg gives
-rate noise of 0.4 deg/s."""
+"""Minimum and maximum duration of a time segment used for learning [s]. Assumed values, for which `NOISE` causes a rate
+noise of 0.7 and 0.35 deg/s."""
 SLOWEST_V, FASTEST_V = 0.05, 3.5
 """Minimum and maximum spool voltage for learning [V]. Assumed values: lower voltages are inside the dead band, higher
 voltages reach the pump limit."""
 UNSURE = (0.5, 0.5)
 """Initial standard deviations of the gain [fraction of the initial gain] and of the dead band [V]. Assumed values."""
 NOISE = radians(0.1)
-"""Standard deviation of the mean angle at each end of a segment [rad]. Assumed value: 100 potentiometer samples."""
+"""Standard deviation of the angle at segment ends [rad]. Assumed value for the mean of 100 potentiometer samples."""
 MOVING, SHIFT = radians(1.0), 0.2
 """Minimum mean steering rate of turning wheels in a time segment [rad/s], and fraction of the rate error by which the
-dead-band offset is shifted at lower rates [-]. Assumed values: twice the noise of the rate."""
+dead-band offset is shifted at lower rates [-]. Assumed values: the minimum rate is about twice the rate noise."""
 MOST = radians(6.0)  # Maximum rate error used in an update [rad/s], which limits the effect of outliers. Assumed value.
 JUDGED, TRUST = 30.0, 1.5
-"""Number of time segments over which the errors of learned and initial map are averaged, and maximum ratio of these
+"""Number of time segments over which the errors of the learned and initial map are averaged, and maximum ratio of these
 errors [-]. Assumed values."""
 SIDES = ("left", "right")
 
@@ -55,7 +54,7 @@ class Side(NamedTuple):
     gain: float  # Gain g [rad/(s V)]
     offset: float  # Product of gain and dead band, g d [rad/s]
     P: tuple[float, float, float]
-    """Parameter covariance for (gain, gain), (gain, offset) and (offset, offset)."""
+    """Covariance of gain and offset: elements (gain, gain), (gain, offset) and (offset, offset)."""
 
     @property
     def dead_band(self) -> float:
@@ -98,19 +97,20 @@ class AdaptiveLoop(AngleLoop):
 
     kind: Literal["adaptive"] = "adaptive"
     gain_deg_s_v: Positive = 6.0
-    """Initial valve gain for both sides [deg/(s V)]. Assumed value: 6-7 for the default valve and cylinder."""
+    """Initial valve gain for both sides [deg/(s V)]. Assumed value: 6-7 applies to the default valve and cylinder."""
     dead_band_v: Annotated[float, Field(ge=0, le=WIDEST_V)] = 0.3
-    """Initial dead band for both sides [V]. Assumed value; above the true dead band the loop oscillates."""
+    """Initial dead band for both sides [V]. Assumed value. Values above the true dead band cause oscillation."""
     delay_s: Latency = 0.1
-    """Delay of the valve [s], in whole ticks. Assumed value, as in `Valve`."""
+    """Delay of the valve [s], rounded to whole ticks. Assumed value, equal to the default of `Valve`."""
     lag_s: Positive = 0.1
-    """Time constant of the spool [s]. Assumed value, as in `Valve`."""
+    """Time constant of the spool [s]. Assumed value, equal to the default of `Valve`."""
     answer_s: Annotated[float, Field(ge=0.05, le=5)] = 0.25
-    """Time for correcting a steering error [s]. Assumed value (0.15-0.5): longer than the lag of the spool."""
+    """Time for correcting a steering error [s]. Assumed value (range 0.15-0.5): longer than the lag of the spool."""
     tolerance_deg: Positive = 0.15
-    """Maximum angle error without correction [deg]. Assumed value (0.1-0.4): twice the potentiometer noise."""
+    """Maximum angle error without correction [deg]. Assumed value (range 0.1-0.4): twice the potentiometer noise."""
     forgetting: Annotated[float, Field(ge=0.9, le=1)] = 0.99
-    """Fraction of information that remains after a time segment [-]. Assumed value (0.97-0.999): about one minute."""
+    """Fraction of information kept after a time segment [-]. Assumed value (range 0.97-0.999), which gives a memory of
+    about one minute."""
     learn: bool = True
     """Whether the valve map is updated during the run."""
     file: Annotated[str, Field(min_length=1)] | None = None
@@ -122,7 +122,7 @@ class AdaptiveLoop(AngleLoop):
             require_quantity(self.file, *_quantities())
 
     def init(self) -> AdaptiveState:
-        """Return the state at rest. The valve map is read from `file` or computed from the keys."""
+        """Return the state at rest, with the valve map from `file` or from the keys."""
         first = self._first()
         if self.file is not None:
             known = read_learned(self.file)
@@ -161,7 +161,7 @@ class AdaptiveLoop(AngleLoop):
         return angle
 
     def _learnt(self, state: AdaptiveState, steer: float, dt: float) -> AdaptiveState:
-        """Return the state with the last tick added to the time segment. The end of a segment updates the map."""
+        """Return the state with the last tick added to the time segment. A completed segment updates the valve map."""
         v, turned = state.mean, steer - (state.steer or 0.0)
         side, inside = 1 if v > 0 else -1, not SLOWEST_V < abs(v) < FASTEST_V
         beyond = abs(v) > state.sides[0 if v > 0 else 1].dead_band
@@ -175,7 +175,7 @@ class AdaptiveLoop(AngleLoop):
         return state._replace(piece=piece)
 
     def _fitted(self, state: AdaptiveState, piece: Stretch) -> AdaptiveState:
-        """Return the state updated with one time segment by rate = gain v - offset, with the spool voltage v."""
+        """Return the state updated with one time segment by rate = gain v - offset, with the mean spool voltage v."""
         number, first = (0 if piece.side > 0 else 1), self._first()
         side, v, rate = state.sides[number], piece.volts / piece.time, piece.turned / piece.time
         noise = 2.0 * (NOISE / piece.time) ** 2
@@ -238,7 +238,7 @@ def _quantities() -> list[str]:
 
 
 def _rate(sides: tuple[Side, Side], v: float) -> float:
-    """Return the steering rate [rad/s] at the spool voltage `v` relative to neutral [V], left positive."""
+    """Return the steering rate [rad/s] at the spool voltage `v` relative to neutral [V], positive to the left."""
     return sides[0].rate(v) if v > 0 else -sides[1].rate(-v)
 
 

@@ -50,8 +50,8 @@ class Eso(Following):
     inner: Annotated[Stanley | Lqr, Field(discriminator="kind")] = Stanley(integral_per_m=0.0)
     """Inner law, selected by its own `kind`. Keys that `eso` also has must be set in `eso`."""
     bandwidth_per_s: Annotated[float, Field(gt=0, le=5)] = 0.5
-    """Bandwidth omega of the observer [1/s]. Assumed value (0.2-1): a quarter of the bandwidth of the path loop. At
-    higher values, the observer reacts to the lag of the steering."""
+    """Bandwidth omega of the observer [1/s]. Assumed value (range 0.2-1): a quarter of the bandwidth of the path loop.
+    At higher values, the observer reacts to the lag of the steering."""
     tunable: ClassVar = {"bandwidth_per_s": (0.1, 2.0)}
     """Search range of `bandwidth_per_s` for tuning [1/s]."""
 
@@ -93,7 +93,7 @@ class Eso(Following):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of path-following laws, and the estimated disturbances."""
+        """Columns of path-following laws, and columns of the estimated disturbances."""
         return (*super().columns, *DISTURBANCE_COLUMNS)
 
     def report(self, state: FollowingState) -> Sequence[float]:

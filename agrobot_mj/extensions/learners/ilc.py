@@ -2,9 +2,9 @@
 law.
 
 Corrections that the feedback law makes at a location in one lap are applied in advance in the next lap (`lap_map`). The
-map thus contains effects that repeat with the location, for example slope and soil. Noise is averaged out. A lap ends
-where the heading of the path repeats: after one round of a figure eight, or two passes of a field. On a path without
-repetition, the lap is the complete path, and the next run loads the map from `file`.
+map thus compensates effects that repeat with the location, for example of slope and soil. Noise is averaged out. A lap
+ends where the sequence of path headings repeats: after one round of a figure eight, or two passes of a field. On a path
+without repetition, the lap is the complete path, and the next run loads the map from `file`.
 """
 
 from collections.abc import Sequence
@@ -23,8 +23,9 @@ from agrobot_mj.extensions.learners.laws import LawInside
 from agrobot_mj.extensions.learners.learning import ANGLE_COLUMNS, AngleLearner, PlaceLearner
 
 SETTLED_M = 10.0
-"""Distance without learning after a tick that is unsuitable for learning [m]. Assumed value (6-15): the tractor first
-returns to the path. Its corrections there repeat after every tight turn, but a map cannot remove them."""
+"""Distance without learning after a tick that is unsuitable for learning [m]. Assumed value (range 6-15): the tractor
+returns to the path in this distance. Its corrections there repeat after every tight turn, but no map removes them.
+"""
 
 
 class IlcState(NamedTuple):
@@ -43,20 +44,22 @@ class IlcState(NamedTuple):
 
 
 class Ilc(AngleLearner, PlaceLearner):
-    """Any guidance law, plus a map of the steering angle along the path that is learned from lap to lap."""
+    """Guidance law that adds a map of the steering angle, learned from lap to lap, to the command of any other law."""
 
     kind: Literal["ilc"] = "ilc"
     label: ClassVar = "ILC"
     inner: Annotated[LawInside, Field(discriminator="kind")] = Lqr()
     """Feedback law, selected by its own `kind`. A kinematic law uses the yaw controller of `[controller]`."""
     bound_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
-    """Maximum steering angle of the map [deg]. Assumed value (5-15): sufficient for a side slope of 20 deg."""
+    """Maximum steering angle of the map [deg]. Assumed value (range 5-15): sufficient for a side slope of 20 deg."""
     answer_s: Annotated[float, Field(ge=0, le=5)] = 0.4
-    """Time until the wheels respond to the map [s]. Assumed value (0.3-0.6): as `preview_s` of other laws."""
+    """Time until the wheels respond to the map [s]. Assumed value (range 0.3-0.6), like `preview_s` of other laws."""
     max_offset_m: Positive = 0.5
-    """Cross-track error above which learning is suspended [m]. Assumed value (0.3-1): excludes path acquisition."""
+    """Cross-track error above which learning is suspended [m]. Assumed value (range 0.3-1), to exclude path
+    acquisition."""
     max_steer_lag_deg: Positive = 10.0
-    """Difference between measured and commanded angle [deg] above which learning is suspended. Assumed value (5-15)."""
+    """Difference between measured and commanded steering angle [deg] above which learning is suspended. Assumed value
+    (range 5-15)."""
     quantity = "steer_learned"
 
     def init(self) -> IlcState:
@@ -64,8 +67,8 @@ class Ilc(AngleLearner, PlaceLearner):
         return IlcState(self.inner.init())
 
     def update(self, state: IlcState, situation: Situation, dt: float) -> tuple[IlcState, Command]:
-        """Return the new state and the command of the feedback law plus the map angle. The correction at this location
-        is stored for the next lap."""
+        """Return the new state and the command of the feedback law plus the learned angle of the lap map. The
+        correction at this location is stored for the next lap."""
         e, route = situation.estimate, situation.route
         near = route.passed(situation.t) if state.s is None else state.s
         place = route.nearest(e.x, e.y, near, situation.t)
@@ -89,7 +92,7 @@ class Ilc(AngleLearner, PlaceLearner):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the inner law, of the map angle, of the learning flag and of the lap comparison."""
+        """Columns of the inner law, the map angle, the learning flag and the lap comparison."""
         own = (
             *ANGLE_COLUMNS,
             Column("learning_lap", "-", "number of the lap, from 0"),

@@ -1,7 +1,7 @@
 """Iterative learning control of an implement. The line of the tractor is shifted so that the implement is on the path.
 
 Guidance of the tractor alone leaves errors of the implement: a trailer cuts bends, a seeder drifts down a slope. The
-inner law (any other, including `ilc`) follows a line at the offset `y(s)` to the left of the path. The offset is
+inner law (any other law, including `ilc`) follows a line at the offset `y(s)` to the left of the path. The offset is
 learned from lap to lap (`lap_map`) from the implement's error at its own location. A towed implement follows its hitch
 with a lag equal to its length. At long wavelengths, a shift therefore has its effect at the same location, and the
 correction is not shifted in arc length.
@@ -28,11 +28,11 @@ from agrobot_mj.extensions.learners.laws import LawInside
 from agrobot_mj.extensions.learners.learning import PlaceLearner
 
 SPREAD_M = 1.0
-"""Arc-length step for the slope and curvature of the shifted line [m]. Assumed value: half the map's filter."""
+"""Arc-length step for slope and curvature of the shifted line [m]. Assumed value: half the width of the map filter."""
 
 
 class Moved(NamedTuple):
-    """Route shifted laterally from another route by a map along the path."""
+    """Route that is shifted laterally from another route by the offset in a map along the path."""
 
     route: Route
     map_: LapMap  # Map of the lateral offset of the line along the path
@@ -51,7 +51,7 @@ class Moved(NamedTuple):
         return r._replace(x=r.x + dx, y=r.y + dy, vx=vx, vy=vy, yaw=yaw, curvature=r.curvature + bend)
 
     def nearest(self, x: float, y: float, near: float, t: float) -> PathPoint:
-        """Return the point of the shifted line next to the path point nearest to (x, y) [m]."""
+        """Return the point of the shifted line at the arc length of the path point nearest to (x, y) [m]."""
         place = self.route.nearest(x, y, near, t)
         moved = self._moved(place)
         return moved._replace(offset=place.offset - self._shape(place.s)[0])
@@ -68,7 +68,7 @@ class Moved(NamedTuple):
         return found
 
     def leg(self, t: float) -> tuple[float, float]:
-        """Return the leg of the original path at time `t` [s] (`Route.leg`)."""
+        """Return the start and end [m] of the leg of the original path, between two cusps, at time `t` [s]."""
         return self.route.leg(t)
 
     def passed(self, t: float) -> float:
@@ -76,7 +76,7 @@ class Moved(NamedTuple):
         return self.route.passed(t)
 
     def lap(self) -> float:
-        """Return the length of one lap [m]."""
+        """Return the length of one lap of the original path [m]."""
         return self.length
 
     def _moved(self, place: PathPoint) -> PathPoint:
@@ -105,20 +105,21 @@ class ImplementIlcState(NamedTuple):
 
 
 class ImplementIlc(PlaceLearner):
-    """Any law on a shifted line, which is learned from lap to lap so that the implement follows the path."""
+    """Guidance law with an inner law on a shifted line, learned from lap to lap to keep the implement on the path."""
 
     kind: Literal["implement_ilc"] = "implement_ilc"
     label: ClassVar = "ILC of the implement"
     inner: Annotated[LawInside | Ilc, Field(discriminator="kind")] = Lqr()
     """Inner law, selected by its own `kind`. It follows the shifted line."""
     bound_m: Annotated[float, Field(gt=0, le=3)] = 0.5
-    """Maximum offset of the shifted line [m]. Assumed value (0.2-1): a trailer cuts bends of 5 m radius by 0.4 m."""
+    """Maximum offset of the shifted line [m]. Assumed value (range 0.2-1): a trailer cuts bends of 5 m radius by 0.4
+    m."""
     max_offset_m: Positive = 1.0
-    """Offset of the implement from the path above which learning is suspended [m]. Assumed value (0.5-2)."""
+    """Offset of the implement from the path above which learning is suspended [m]. Assumed value (range 0.5-2)."""
     tool_behind_m: Positive = 2.0
-    """Distance from hitch to working point, used without an implement receiver [m]. Assumed value, as in `drawn`."""
+    """Distance from hitch to working point, for the tractrix [m]. Assumed value, as for `drawn` implements."""
     axle_behind_m: Positive = 2.0
-    """Distance from hitch to implement axle, used without an implement receiver [m]. Assumed value, as in `drawn`."""
+    """Distance from hitch to implement axle, for the tractrix [m]. Assumed value, as for `drawn` implements."""
     quantity = "line_learned"
 
     def init(self) -> ImplementIlcState:
@@ -126,7 +127,7 @@ class ImplementIlc(PlaceLearner):
         return ImplementIlcState(self.inner.init())
 
     def update(self, state: ImplementIlcState, situation: Situation, dt: float) -> tuple[ImplementIlcState, Command]:
-        """Return the new state and the command of the inner law on the line, which the implement error updates."""
+        """Return the new state and the command of the inner law. The implement's error updates the shifted line."""
         e, route, t = situation.estimate, situation.route, situation.t
         x, y, yaw = self._implement(state, situation, dt)
         near = route.nearest(x, y, route.passed(t), t).s if state.s is None else state.s
@@ -145,7 +146,7 @@ class ImplementIlc(PlaceLearner):
         return ImplementIlcState(inner, lap, place.s, state.length, yaw, place.offset, beside, learning), command
 
     def _implement(self, state: ImplementIlcState, situation: Situation, dt: float) -> tuple[float, float, float]:
-        """Return x, y [m] and heading [rad] of the implement, measured or from the tractrix behind the hitch."""
+        """Return the position x, y [m], measured or from the tractrix, and the heading from the tractrix [rad]."""
         e, m, (x, y) = situation.estimate, situation.machine, situation.implement
         heading = wrap(e.yaw - e.sideslip)
         yaw, behind = heading if state.yaw != state.yaw else state.yaw, m.hitch_behind_m
@@ -171,7 +172,7 @@ class ImplementIlc(PlaceLearner):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the inner law, of the shifted line and of the implement's offset from the path."""
+        """Columns of the inner law, the shifted line and the implement's offset from the path."""
         own = (
             Column(self.quantity, "m", "learned offset of the tractor's line from the path, left positive"),
             Column("implement_offset_hat", "m", "offset of the implement used for learning, left positive"),

@@ -31,11 +31,11 @@ WINDOW_M, FADE_M = 2.0, 2.0
 """Averaging distance of the error, and distance over which a new map replaces the old map [m]. Assumed values."""
 WORSE, MARGIN_M = 1.1, 0.005
 """Factor [-] and margin [m] on the RMS error of the best lap, above which the map of a lap counts as worse. Assumed
-values: above noise. A wider margin would allow learning in ruts, whose effects do not repeat."""
+values, above the noise. A wider margin would allow learning in ruts, whose effects do not repeat."""
 WORSE_HERE, MARGIN_HERE_M = 1.5, 0.06
-"""Factor [-] and margin [m] on the best lap's error above which the error over `WINDOW_M` is worse. Assumed values."""
+"""Factor [-] and margin [m] on the best lap's error, above which a map counts as worse during a lap. Assumed values."""
 GIVE_UP = 4
-"""Number of returns to the best map after which learning ends. Assumed value: the gain is then 1/16 of the first."""
+"""Number of returns to the best map after which learning ends. Assumed value: each return halves the learning gain."""
 COMPLETE = 0.9  # Minimum fraction of the locations that the tractor must pass in a lap for learning from this lap [-]
 UNKNOWN_M = 1e3  # Value that represents an unknown error of the best lap in a file [m]
 NOTHING = np.empty(0)
@@ -86,9 +86,10 @@ class LapMap(Spec):
     """Learning rule for a map of a quantity over arc length."""
 
     gain: Annotated[float, Field(ge=0, le=1)] = 0.5
-    """Fraction of the correction added to the map in each lap [-]. Assumed value (0.3-0.6): maps may diverge at 0.7."""
+    """Fraction of the correction added to the map in each lap [-]. Assumed value (range 0.3-0.6); at 0.7 maps may
+    diverge."""
     smoothing_m: Annotated[float, Field(ge=0.5, le=20)] = 2.0
-    """Full width of the smoothing filter at half maximum [m]. Assumed value (1.5-4): a width of 1 may diverge."""
+    """Full width of the smoothing filter at half maximum [m]. Assumed value (range 1.5-4); at 1 m maps may diverge."""
     guard: bool = True
     """Whether the map of the best lap is restored when the error increases."""
 
@@ -182,7 +183,7 @@ def _met(state: LapState, k: int, error: float, correction: float | None) -> Lap
 
 
 def _worse_here(state: LapState, k: int) -> bool:
-    """Return whether the error at location `k` exceeds the local and the mean error of the best lap by the limits."""
+    """Return whether the error at location `k` exceeds the limit from the local and the RMS error of the best lap."""
     best = max(sqrt(state.best_square[k]), state.best_rms)  # the first lap may begin with a small error
     return sqrt(state.square) > WORSE_HERE * best + MARGIN_HERE_M
 
@@ -198,7 +199,7 @@ def _at(values: Array, turn: float) -> float:
 
 
 def _smooth(values: Array, width: float) -> Array:
-    """Return `values` (n,) of a lap after a zero-phase filter of a full width `width` at half maximum [locations]."""
+    """Return lap `values` (n,) after a zero-phase filter with a full width at half maximum of `width` locations."""
     sigma = width / sqrt(8.0 * log(2.0))
     omega = 2.0 * np.pi * np.fft.rfftfreq(len(values))
     return np.fft.irfft(np.fft.rfft(values) * np.exp(-0.5 * (sigma * omega) ** 2), len(values))
@@ -211,7 +212,7 @@ def _repeats(before: Array, now: Array) -> float:
 
 
 def _names(name: str) -> tuple[str, str, str, str]:
-    """Return the array names in a file: map, best map, error of the best lap, map plus correction."""
+    """Return the names of the arrays in a file: map, best map, error of the best lap, map plus correction."""
     return name, f"{name}_best", f"{name}_best_error", f"{name}_wanted"
 
 

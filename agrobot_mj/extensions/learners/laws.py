@@ -1,4 +1,4 @@
-"""Guidance laws that a learning law accepts as inner law."""
+"""Guidance laws that learning laws accept as inner laws."""
 
 from agrobot_mj.control.laws import InnerLaw
 from agrobot_mj.extensions.learners.eso import Eso

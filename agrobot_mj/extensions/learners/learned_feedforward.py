@@ -66,23 +66,26 @@ class PathNetwork(Spec):
     """Network of interval type-2 fuzzy sets over curvature, speed and roll, with consequents learned from feedback."""
 
     eta: NonNegative = 0.2
-    """Learning rate: feedback fraction learned per second [1/s]. Assumed value (0.1-0.6); larger values oscillate."""
+    """Fraction of the feedback learned per second [1/s]. Assumed value (range 0.1-0.6); larger values cause
+    oscillation."""
     trace_s: Positive = 0.4
-    """Time constant of the traces [s], equal to delay plus lag of the steering response. Assumed value (0.2-0.8)."""
+    """Time constant of the traces [s], equal to the delay plus the lag of the steering response. Assumed value (range
+    0.2-0.8)."""
     uncertainty: float = Field(0.3, ge=0, lt=0.5)
-    """Relative difference between set width and centre distance [-]. Assumed value (0-0.49); 0.5 leaves gaps."""
+    """Relative difference of set width and centre distance [-]. Assumed value (range 0-0.49); 0.5 leaves gaps."""
     curvature_sets: int = Field(11, ge=1, le=51)
-    """Number of curvature sets [-]. Assumed value (5-21): spacing 0.1 1/m."""
+    """Number of curvature sets [-]. Assumed value (range 5-21): gives a spacing of 0.1 1/m."""
     curvature_range_per_m: Positive = 0.5
-    """Magnitude of the curvature at the outermost set centres [1/m]. Assumed value (0.3-0.7): a radius of 2 m."""
+    """Magnitude of the curvature at the outermost set centres [1/m]. Assumed value (range 0.3-0.7), for an arc of 2 m
+    radius."""
     speed_sets: int = Field(2, ge=1, le=21)
-    """Number of speed sets [-], with centres from 0 upwards. Assumed value (1-5)."""
+    """Number of speed sets [-], with centres from 0 upwards. Assumed value (range 1-5)."""
     speed_range_m_s: Positive = 3.0
-    """Speed at the highest set centre [m/s]. Assumed value (2-5)."""
+    """Speed at the highest set centre [m/s]. Assumed value (range 2-5)."""
     roll_sets: int = Field(3, ge=1, le=21)
-    """Number of roll sets [-]. Assumed value (1-7). More than one set needs `sensors.imu.enabled`."""
+    """Number of roll sets [-]. Assumed value (range 1-7). More than one set needs `sensors.imu.enabled`."""
     roll_range_rad: Positive = 0.26
-    """Magnitude of the roll at the outermost set centres [rad]. Assumed value (0.1-0.4)."""
+    """Magnitude of the roll at the outermost set centres [rad]. Assumed value (range 0.1-0.4)."""
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -148,7 +151,7 @@ class LearnedState(NamedTuple):
 
 
 class LearnedFeedforward(AngleLearner):
-    """Any feedback law, plus a learned steering angle that depends on the path ahead."""
+    """Guidance law that adds a learned steering angle, which depends on the path ahead, to any feedback law."""
 
     kind: Literal["learned_feedforward"] = "learned_feedforward"
     label: ClassVar = "learned feedforward"
@@ -157,15 +160,17 @@ class LearnedFeedforward(AngleLearner):
     network: PathNetwork = PathNetwork()
     """Network that maps the path to the learned steering angle."""
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.3
-    """Preview time of the path input relative to the reference [s]. Assumed value (0.2-0.6): as in `feedforward`."""
+    """Preview time of the path input relative to the reference [s]. Assumed value (range 0.2-0.6), as for
+    `feedforward`."""
     bound_deg: Annotated[float, Field(gt=0, le=45)] = 35.0
-    """Maximum magnitude of a consequent of the network [deg]. Assumed value (5-45): the steering angle on an arc of 2 m
-    radius; less if `inner` has a separate feedforward."""
+    """Maximum magnitude of a consequent of the network [deg]. Assumed value (range 5-45): the steering angle on an arc
+    of 2 m radius. Use a lower value if `inner` has a separate feedforward."""
     max_offset_m: Positive = 2.0
-    """Lateral offset above which learning is suspended [m]. Assumed value (0.5-3): the limit of the supervisor."""
+    """Lateral offset above which learning is suspended [m]. Assumed value (range 0.5-3): the limit of the
+    supervisor."""
     max_steer_lag_deg: Positive = 6.0
     """Difference between measured and last commanded angle [deg] above which learning is suspended. Assumed value
-    (3-10): on an arc the difference is about 2. The feedback is not meaningful while the valve moves to a new angle."""
+    (range 3-10): on an arc it is about 2 deg. The feedback is not meaningful while the valve moves to a new angle."""
     tunable: ClassVar = {"network.eta": (0.02, 1.0)}
     """Search range of the learning rate for tuning, in addition to the gains of the yaw controller."""
     tuned: ClassVar = {
@@ -201,7 +206,7 @@ class LearnedFeedforward(AngleLearner):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the inner law, of the learned angle, of the learning flag and of all consequents."""
+        """Columns of the inner law, the learned angle, the learning flag and the consequents of all fuzzy rules."""
         names = [_rule(i, self.network.shape) for i in range(len(self.network.init().f))]
         weights = [Column(f"map_{name}", "rad", f"consequent of rule {name}: curvature, speed, roll") for name in names]
         return (*self.inner.columns, *ANGLE_COLUMNS, *weights)

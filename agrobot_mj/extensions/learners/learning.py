@@ -29,13 +29,14 @@ class LearningLaw(GuidanceLaw):
     max_offset_m: Positive
     """Lateral offset from the path above which learning is suspended [m]."""
     max_sigma_m: Positive = 0.1
-    """Standard deviation of position above which learning is suspended [m]. Assumed value (0.05-0.3): RTK to float."""
+    """Position standard deviation above which learning is suspended [m]. Assumed value (range 0.05-0.3), between RTK
+    fixed and RTK float."""
     min_speed_m_s: NonNegative = 0.3
-    """Minimum forward speed for learning [m/s]. Assumed value (0.1-0.5)."""
+    """Minimum forward speed for learning [m/s]. Assumed value (range 0.1-0.5)."""
     holds_lane_change: ClassVar = True
 
     def using(self, controller: YawController) -> GuidanceLaw:
-        """Return a copy of this law whose wrapped law uses the yaw controller."""
+        """Return a copy of this law whose wrapped law uses the given yaw controller."""
         inner = self.inner.using(controller)
         return self if inner is self.inner else self.model_copy(update={"inner": inner})
 
@@ -45,7 +46,7 @@ class LearningLaw(GuidanceLaw):
         return self.inner.follows_path
 
     def sound(self, e: Estimate, offset: float) -> bool:
-        """Return whether a tick is suitable for learning: motion near the path (`offset` [m]) and accurate position."""
+        """Return whether a tick is suitable for learning: motion near the path (`offset` [m]), accurate position."""
         sigma = sqrt(max(e.covariance[0, 0], e.covariance[1, 1], 0.0))
         known = e.aligned and sigma <= self.max_sigma_m
         return known and abs(offset) <= self.max_offset_m and e.speed >= self.min_speed_m_s
@@ -85,7 +86,7 @@ class PlaceLearner(LearningLaw):
 
 
 class Corrected(NamedTuple):
-    """Result of one tick of an inner law with a learned angle."""
+    """Result of one tick of an inner law whose steering command is corrected by a learned angle."""
 
     inner: Any
     command: Command
@@ -98,14 +99,14 @@ class AngleLearner(LearningLaw):
     """Base class of laws that learn a steering angle. State classes need the fields `inner`, `steer` and `feedback`."""
 
     max_steer_lag_deg: Positive
-    """Difference between measured and last commanded angle [deg] above which learning is suspended."""
+    """Difference between measured and last commanded steering angle [deg] above which learning is suspended."""
 
     def corrected(
         self, state: Any, situation: Situation, ahead: float, answered: float, offset: float, dt: float
     ) -> Corrected:
         """Return the command of the inner law plus the learned angle `ahead` [rad].
 
-        The inner law receives the steering angle minus `answered` [rad], the learned angle that the wheels have already
+        The inner law receives the steering angle minus `answered` [rad], the learned angle that the wheels have
         reached.
         """
         inner, command = self.inner.update(state.inner, situation._replace(steer=situation.steer - answered), dt)

@@ -1,1 +1,2 @@
-"""Searches over many runs: limits of laws, rare failures, smallest failing changes, important parameters, and gains."""
+"""Searches over many runs: limits of guidance laws, rare failures, smallest failing changes, important parameters, and
+gains."""

@@ -1,11 +1,11 @@
 """Margin of a run to a failure condition at each tick, for searches that maximise the margin.
 
-Each metric in the condition gets a value at each tick: its value at the end of the run if all later errors were 0. A
-maximum is the present magnitude. A root mean square or a percentile covers the complete planned duration. The margin of
-a comparison with a number c is (value - c) / |c|, which is negative until the condition is met. `and` takes the
-minimum, `or` the maximum, `not` the negative [Fainekos2009]. At a margin of about 0 the condition is first met, but
-`Condition.fails` decides whether a run fails. The margin of a tick does not depend on later ticks, because splitting
-would then be biased.
+Each metric in the condition gets a value at each tick: its value at the end of the run if all later errors were 0. The
+value of a maximum is the present magnitude. A root mean square or a percentile covers the complete planned duration.
+The margin of a comparison with a number c is (value - c) / |c|, which is negative until the condition is met. `and`
+takes the minimum of the margins, `or` the maximum, `not` the negative [Fainekos2009]. At a margin of about 0 the
+condition is first met, but `Condition.fails` decides whether a run fails. The margin of a tick does not depend on later
+ticks, because such a dependence would bias splitting.
 """
 
 import ast
@@ -49,10 +49,10 @@ class Closeness:
 
     until: str  # Failure condition as text, see `Condition`
     signal: str | None = None
-    """Signal whose magnitude is the margin. Default: the margin is computed from the metrics in the condition."""
+    """Signal whose magnitude at each tick is the margin. Default: margin from the metrics in the condition."""
 
     def __call__(self, log: Log) -> Array:
-        """Return the margin at each tick [-], finite, shape (ticks,). Raises `ScenarioError` for an unknown signal."""
+        """Return the finite margin at each tick, shape (ticks,). Raises `ScenarioError` for an unknown signal."""
         view = RunView(log)
         if self.signal is None:
             return _Ticks(view, log).close(ast.parse(self.until.strip(), mode="eval").body)
@@ -118,7 +118,8 @@ class _Ticks:
         return np.abs(apart) if isinstance(op, ast.NotEq) else -np.abs(apart)
 
     def _side(self, term: ast.expr) -> tuple[Array, float]:
-        """Return one side of a comparison at each tick, shape (ticks,), and its scale. A metric has the scale 0."""
+        """Return one side of a comparison at each tick, shape (ticks,), and its magnitude if the side is a number, or 0
+        for a metric."""
         name = name_of(term)
         if name is not None:
             return self._metric(name), 0.0
@@ -139,7 +140,7 @@ class _Ticks:
         return values
 
     def _end(self, outcome: str) -> Array:
-        """Return the margin to an outcome at each tick [-], by load transfer, roll, hitch angle or path distance."""
+        """Return the margin to an outcome at each tick [-], from load transfer, roll, hitch angle or path offset."""
         if outcome == "rolled_over":
             return self._tipped() - 1.0
         if outcome == "jackknifed" and "hitch_angle" in self.known:
@@ -162,7 +163,7 @@ def _magnitude(values: Array) -> Array:
 
 
 def _over(size: Array, name: str, planned: int) -> Array:
-    """Return the value of a metric at each tick for zero errors in the remaining ticks of the `planned` duration."""
+    """Return the metric `name` at each tick for zero errors in the remaining ticks of the `planned` duration."""
     if "p95" in name:
         return _percentile(size, planned)
     if name.endswith(("_mse", "_rms")):

@@ -58,7 +58,7 @@ def limit(
     out: Out = None,
     quiet: Quiet = False,
 ) -> Answer:
-    """Search for the limit of a guidance law along one key.
+    """Search for the value of a key at which a law begins to fail.
 
     Example of a CONDITION: "lateral_rms > 0.3 or outcome != completed". Writes limit.json and limit.png. The same
     command resumes an interrupted search.
@@ -105,7 +105,7 @@ def importance(
     """Rank uncertain parameters by their effect on a metric.
 
     Uses regression for a screening and Sobol indices for method = "saltelli". Parameters that the samples cannot
-    distinguish are tied. Writes importance.json and importance.png.
+    distinguish have overlapping ranks. Writes importance.json and importance.png.
     """
     from agrobot_mj.extensions.search.importance import importance as analyse
     from agrobot_mj.extensions.search.importance import importance_table, importance_text
@@ -175,10 +175,10 @@ def falsify(
     out: Out = None,
     quiet: Quiet = False,
 ) -> Answer:
-    """Search for the smallest combination of changes that fails.
+    """Search for the smallest changes that make most runs fail.
 
-    Distances are in units of each range or standard deviation. Writes falsify.json, falsify.png, and the recording and
-    scenario of the failure. The same command resumes an interrupted search.
+    Distances are in units of the range or standard deviation of each key. Writes falsify.json, falsify.png, and the
+    recording and scenario of the failure. The same command resumes an interrupted search.
     """
     from agrobot_mj.extensions.search.falsify import FalsifyQuestion, content
     from agrobot_mj.extensions.search.falsify import falsify as search
@@ -198,7 +198,7 @@ def falsify(
 
 
 def _varied(text: str) -> "Varied":
-    """Return a varied key with range or distribution, from `KEY=MILD:HARD` or `KEY={normal = [MEAN, SD]}`."""
+    """Return a varied key with its range or distribution, from `KEY=MILD:HARD` or `KEY={normal = [MEAN, SD]}`."""
     from agrobot_mj.extensions.search.falsify import Varied
 
     key, _, value = utf8(text, "--vary").partition("=")

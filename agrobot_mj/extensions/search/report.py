@@ -57,8 +57,8 @@ def _success(law: dict[str, Any], found: dict[str, Any]) -> Chart:
 def importance_section(page: Document, folder: Path, metric: str | None) -> list[Path]:
     """Add a section on the importance of parameters to the report page of a sweep. Return the written files.
 
-    If `metric` is None, an unsuitable design has no section, and missing results are explained. Raises `ScenarioError`
-    if the importance for a given `metric` cannot be computed.
+    If `metric` is None, no section is added for an unsuitable design, and missing results are explained. Raises
+    `ScenarioError` if the importance for a given `metric` cannot be computed.
     """
     file = tomllib.loads((folder / "sweep.toml").read_text("utf-8"))
     if metric is None and file.get("method") not in DESIGNS:

@@ -38,7 +38,7 @@ MOST = 20.0  # Maximum cost of a successful run [-]
 FAILED = 25.0  # Minimum cost of a failed run [-]. Without any progress, the cost is larger by `MOST`.
 POPULATION = 8
 MUTATION, CROSSOVER = (0.5, 1.0), 0.7
-"""Range of the factor on the difference of two candidates, and probability that a key changes [-] [Storn1997]."""
+"""Range of the factor on the difference of two candidates, and probability of changing a key [-] [Storn1997]."""
 MOST_RUNS = 100_000  # Maximum number of runs of a search, including the evaluation of its result
 Overrides = dict[str, Any]
 Limits = tuple[float, float]  # Minimum and maximum of a gain [unit of the gain]
@@ -67,7 +67,7 @@ def tunable(scenario: Scenario) -> dict[str, Limits]:
 
 
 def check_size(file: TuningFile, budget: int, seeds: int) -> None:
-    """Raise `ScenarioError` if a search needs more than `MOST_RUNS` runs."""
+    """Raise `ScenarioError` if a gain search needs more than `MOST_RUNS` runs."""
     of_one = {part: file.runs(part) * seeds for part in ("training", "test")}
     runs = of_one["training"] * (max(budget, POPULATION) + 2) + 2 * of_one["test"]
     if runs > MOST_RUNS:
@@ -120,7 +120,7 @@ def mean_costs(
     cases: Sequence[TuningCase], candidates: Sequence[Overrides], bounds: Sequence[float], do: RunTasks
 ) -> list[float]:
     """Return the mean cost of each candidate [-]. The evaluation of a candidate ends early if its cost exceeds its
-    limit in `bounds`, and the result is then a lower bound."""
+    limit in `bounds`. The result is then a lower bound of the cost."""
     totals, going = [0.0] * len(candidates), list(range(len(candidates)))
     for case in cases:
         rows = do([task_of(case, candidates[k]) for k in going])
@@ -159,7 +159,7 @@ def search(
     known: Overrides | None = None,
     done: Callable[[int], object] = lambda evaluations: None,
 ) -> dict[str, Any]:
-    """Search with `budget` evaluations of the objective, in complete generations. Return gains, scores and history."""
+    """Search for gains with `budget` evaluations, in complete generations. Return gains, scores and history."""
     ranges = tunable(scenario)
     if scenario.expected_outcome != COMPLETED:
         raise ScenarioError(
@@ -196,8 +196,8 @@ def search(
 def _evolve(points: Array, generations: int, evaluate: Callable[[Array, Sequence[float]], list[float]]) -> None:
     """Run differential evolution (best/1/bin) on `points`, shape (POPULATION, n), each within 0 to 1 [Storn1997].
 
-    A trial replaces a point only if its cost is not higher. Therefore the cost of the point is the limit for evaluating
-    the trial.
+    A trial replaces a point only if its cost is not higher. Therefore the evaluation of a trial ends when its cost
+    exceeds the cost of the point.
     """
     rng, costs = np.random.default_rng(1), evaluate(points, [inf] * POPULATION)
     for _ in range(generations - 1):
@@ -217,7 +217,7 @@ def _evolve(points: Array, generations: int, evaluate: Callable[[Array, Sequence
 
 
 def _gains(ranges: Mapping[str, Limits], x: Array) -> dict[str, float]:
-    """Return the gains at a search point within 0 to 1, with two digits. Positive ranges are logarithmic."""
+    """Return the gains at a search point within 0 to 1, to two significant digits. Positive ranges are logarithmic."""
     found = {}
     for (key, (low, high)), share in zip(ranges.items(), x.tolist(), strict=True):
         value = low * (high / low) ** share if low > 0 else low + share * (high - low)
@@ -226,7 +226,7 @@ def _gains(ranges: Mapping[str, Limits], x: Array) -> dict[str, float]:
 
 
 def _first(begun: Sequence[Mapping[str, float | None]], ranges: Mapping[str, Limits]) -> Array:
-    """Return the first generation of search points (POPULATION, keys): initial gains and a Latin hypercube."""
+    """Return the first generation of search points (POPULATION, keys): initial gains, then a Latin hypercube."""
     rng, n = np.random.default_rng(1), len(ranges)
     cells = np.stack([rng.permutation(POPULATION) for _ in range(n)], axis=1)
     points: Array = (cells + rng.random((POPULATION, n))) / POPULATION

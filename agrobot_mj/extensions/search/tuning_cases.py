@@ -43,7 +43,7 @@ class LawSpec(Spec):
     set: dict[str, Any]
     """Overrides that select the law and its initial gains."""
     known: dict[str, float] = Field(default_factory=dict)
-    """Gains that are known to be good. They are included in the first generation."""
+    """Gains that are known to be good. The first generation of the search includes these gains."""
 
 
 class TuningFile(Spec):
@@ -67,7 +67,7 @@ class TuningFile(Spec):
     """Laws that `make gains` tunes, by name."""
 
     def part(self, name: str) -> tuple[CaseSpec, ...]:
-        """Return the cases of the part "training" or "test"."""
+        """Return the cases in the part "training" or "test" of the file."""
         return self.training if name == "training" else self.test
 
     def runs(self, name: str) -> int:
@@ -110,7 +110,7 @@ def tuning_cases(scenario: Scenario, file: TuningFile, part: str, seeds: int) ->
 
 
 def _driven(scenario: Scenario, changes: dict[str, Any], case: CaseSpec) -> Iterator[Scenario]:
-    """Yield the scenario of a case at each speed if the plant supports it. Raises `ScenarioError` for invalid keys."""
+    """If the plant supports a case, yield its scenario at each speed. Raises `ScenarioError` for invalid keys."""
     try:
         changed = scenario.changed(changes)
     except ScenarioError as error:

@@ -2,9 +2,11 @@
 
 Guided along the contour, the tractor has a steady offset from its line, because its antenna tilts and its wheels are
 steered against the slope. Averaged over noise, the steady state of the loop has a closed form. The offset y is positive
-to the left of the line, which is uphill; angles are relative to the line. V is the speed, T the tick, delta the steady
-steering angle, beta the crab angle of the heading, phi the roll, h the height of the antenna, l_r and h_c the position
-of the CG ahead of and above R.
+to the left of the line, which is uphill. In the table, *held* means that the theory uses the roll, crab and steering
+angles of the run. *From parameters* means that the theory uses the slip angles of the section on the side slope.
+
+Angles are relative to the line. V is the speed, T the tick, delta the steady steering angle, beta the crab angle
+(heading minus course), phi the roll, and h the height of the antenna. The CG is l_r ahead of R and h_c above R.
 
 The lateral positions of antenna and CG relative to R are
 
@@ -63,7 +65,7 @@ GAINS: dict[str, dict[str, float]] = {
         "controller.network.alpha": 0.062,
     },
 }
-"""Gains of the loops, by controller. With these gains, the PD offset changes by 5.4 cm per degree of steering."""
+"""Gains of the guidance loops, by controller. With `pd`, the offset changes by 5.4 cm per degree of steering."""
 ESTIMATORS: dict[str, dict[str, Any]] = {
     "paper's sensors": {},
     "compensated": {"terrain_compensation": True},
@@ -97,8 +99,8 @@ def gains(scenario: Scenario) -> tuple[float, float]:
 
 
 def estimated(scenario: Scenario, delta: float) -> tuple[float, float]:
-    """Return the estimates of the EKF in steady state at a steering angle `delta` [rad]: sin(psi) [-], and lateral
-    offset of R from the fixes, left positive [m]."""
+    """Return EKF estimates in steady state at a steering angle `delta` [rad]: sin(psi) [-], and the lateral offset of
+    the estimated R from the fixes, left positive [m]."""
     if scenario.estimator.kind != "ekf":
         return 0.0, 0.0
     K_y, K_psi = gains(scenario)
@@ -108,7 +110,7 @@ def estimated(scenario: Scenario, delta: float) -> tuple[float, float]:
 
 
 def offset(scenario: Scenario, slope: SlopeState) -> float:
-    """Return the steady uphill offset of the true CG from the line [m]. Raises ValueError if the law saturates."""
+    """Return the steady uphill offset of the CG from the line [m]. Raises ValueError if the guidance law saturates."""
     s, law, compensated = scenario, scenario.guidance, scenario.estimator.terrain_compensation
     h, l_r, h_c = s.tractor.antenna_height_m, s.tractor.cg_to_rear_axle, s.tractor.cg_height_m
     phi, beta, delta = slope
@@ -126,7 +128,7 @@ def offset(scenario: Scenario, slope: SlopeState) -> float:
 
 
 class SlopeDrive(NamedTuple):
-    """Results of a run along a contour of the slope, in steady state."""
+    """Steady-state results of a run along a contour line of the slope."""
 
     scenario: Scenario
     offset: float  # Mean uphill offset of the true CG from the line [m]
@@ -141,7 +143,7 @@ def loop(controller: str, estimator: Mapping[str, Any]) -> dict[str, Any]:
 def drive(
     tyre: Any, grade_deg: float, controller: str, estimator: dict[str, Any], heading_deg: float = 0.0
 ) -> SlopeDrive:
-    """Return the steady state of a run along a contour, eastwards (left side uphill) or westwards (180 deg)."""
+    """Return the steady state of a run along a contour line: eastwards (left side uphill), or westwards (180 deg)."""
     given = {
         "duration_s": DRIVE_S,
         "terrain": {"kind": "slope", "grade_deg": grade_deg, "direction_deg": 90.0},
@@ -163,11 +165,10 @@ def drive(
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the offsets on every tyre with a force law.
+    """Yield checks of the offsets with every tyre that has a force law.
 
-    Quick mode tests the PD controller with the paper's EKF on 10 degrees, eastwards, with terrain compensation only on
-    some
-    of the tyres.
+    Quick mode tests only the PD controller with the paper's EKF, eastwards on a slope of 10 degrees, and every second
+    tyre with terrain compensation.
     """
     grades, ways = ((10.0,), (0.0,)) if m.quick else (GRADES_DEG, (0.0, 180.0))
     chosen: Iterable[tuple[str, str, Any]] = product(("pd", "pd_t2fnn"), ESTIMATORS, force_tyres())

@@ -1,7 +1,7 @@
 """Common parts of all manoeuvres: checks with acceptance bands, plants and tyres.
 
 A manoeuvre is a file with a function `run(m: Trial) -> Iterator[Check]`. The bands state the accuracy of the simulator
-and are never widened. A check outside its band fails. Internal units are SI and radians; checks have individual units.
+and are never widened. A check outside its band fails. Internal units are SI and radians; each check has its own unit.
 """
 
 from collections.abc import Callable, Iterator
@@ -17,7 +17,7 @@ from agrobot_mj.tyres import Linear
 from agrobot_mj.tyres.bearing import FIRM
 
 BICYCLE = "bicycle"
-"""Name of the bicycle model as the subject of a check. The subject of a MuJoCo tractor is the kind of its tyres."""
+"""Subject of the checks of the bicycle model. For a MuJoCo tractor, the subject is the type of its tyres."""
 
 
 def tractor_of(mass_kg: float) -> TractorParameters:
@@ -49,7 +49,7 @@ class Check(NamedTuple):
         return isfinite(self.measured) and self.low <= self.measured <= self.high
 
     def judged(self, judged: bool) -> "Check":
-        """Return the check unchanged if `judged`, otherwise without acceptance limits."""
+        """Return the check unchanged if `judged` is true, otherwise a copy without acceptance limits."""
         return self if judged else self._replace(low=-inf, high=inf, band="reported")
 
     @property
@@ -103,18 +103,18 @@ class About(NamedTuple):
 
 
 def tyres() -> list[Any]:
-    """Return the default tyres of all kinds for firm ground. Tyres on soft soil have a separate manoeuvre."""
+    """Return the default tyres of all types for firm ground. Tyres on soft soil have a separate manoeuvre."""
     found: list[Any] = [kind() for kind in families()["plant.tyre"].values()]
     return [tyre for tyre in found if tyre.structure().bearing == FIRM]
 
 
 def tyre_of(kind: str) -> Any:
-    """Return the default tyre of a kind."""
+    """Return the default tyre of the type `kind`."""
     return families()["plant.tyre"][kind]()
 
 
 def force_tyres() -> list[Any]:
-    """Return the default tyres of all kinds with a force law, for which a theoretical result exists."""
+    """Return the default tyres of all types with a force law, for which a theoretical result exists."""
     return [tyre for tyre in tyres() if tyre.judged]
 
 
@@ -139,7 +139,7 @@ class Trial:
         return About(self.name, quantity, subject, unit)
 
     def mujoco(self, tyre: Any, *place: Any, **how: Any) -> tuple[MujocoPlant, Truth]:
-        """Return a MuJoCo plant and its initial truth from `mujoco_plant`. Its warnings are counted in this trial."""
+        """Return a MuJoCo plant and its initial true state. MuJoCo warnings of the plant are counted in this trial."""
         plant, truth = mujoco_plant(tyre, *place, **how)
         self._plants.append(plant)
         return plant, truth
@@ -150,7 +150,7 @@ class Trial:
         plant.reset(ORIGIN)
 
     def level_plants(self, only_linear: bool = False) -> list[tuple[str, Any, Truth]]:
-        """Return subject, plant and initial truth on level ground: bicycle, MuJoCo with all tyres or only `linear`."""
+        """Return name, plant and initial true state for bicycle and MuJoCo (all tyres or `linear`) on level ground."""
         bicycle = BicyclePlant(Bicycle(), STOCK, LEVEL.ground(), Clock.of(0.002))
         chosen = [Linear()] if only_linear else tyres()
         return [(BICYCLE, bicycle, bicycle.reset(ORIGIN)), *((tyre.kind, *self.mujoco(tyre)) for tyre in chosen)]

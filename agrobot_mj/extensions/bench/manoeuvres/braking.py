@@ -10,7 +10,7 @@ the brake then stops the tractor from 3 m/s with the deceleration
 
     a = (T / r_e + sum(rho_i N_i)) / (m + sum(I_i / r_i^2)).
 
-Tractors of other masses and the same shape park on 12 degrees with drive and brake scaled to their size.
+Tractors of the same shape with other masses are parked on 12 degrees, with driveline and brake scaled to their size.
 """
 
 from collections.abc import Iterator
@@ -33,7 +33,7 @@ from agrobot_mj.tyres import Linear
 
 GRADE_DEG = 8.0
 FACING = {"nose up": 0.0, "nose down": 180.0}
-"""Direction of steepest ascent from east [deg] by orientation on the slope, for a tractor that faces east."""
+"""Direction of steepest ascent [deg], counter-clockwise from east, by orientation of a tractor that faces east."""
 CAPACITY_N_M, STOPPING_N_M = 1000.0, 700.0
 """Brake torque capacity on the slope, and brake torque for stopping: half of the torque that locks the wheels [N m]."""
 ROLLING_M_S = 0.0003

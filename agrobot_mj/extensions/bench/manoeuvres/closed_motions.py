@@ -1,9 +1,10 @@
 """Closed motions
 
-A wheel follows a random periodic motion of sliding, rolling and load. It is at rest, rolls back and forth, or rolls
-forwards, with loads from almost zero to twice the static load of either axle. In the periodic steady state, the ground
-may only dissipate energy: over one period it must not do positive work on the wheel, for any phases. The work of the
-load is excluded, because a spring returns it over a period. The check includes a soil tool with varying depth.
+The sliding, rolling and load of a wheel follow random periodic signals. The wheel is at rest, rolls back and forth, or
+rolls forwards, with loads from almost zero to twice the static load of either axle. In the periodic steady state, the
+ground may only dissipate energy. Over one period, the ground must not do positive work on the wheel, for any phases of
+the motions. The work of the load is excluded, because a spring returns it over a period. The check also covers an
+implement in soil whose depth varies.
 """
 
 from collections.abc import Iterator
@@ -78,7 +79,7 @@ def value(wave: Array, phase: float) -> float:
 
 @jit
 def drive(tyres: TyreSet, ground: Ground, cycle: Cycle, steps: int, periods: int) -> tuple[float, float]:
-    """Return work of the ground on a wheel and integral of the absolute power over the last period [J]."""
+    """Return the work of the ground on a wheel, and the integral of the absolute power, over the last period [J]."""
     i, dt = cycle.wheel, cycle.period / steps
     bristle, wrench, report, before = np.zeros(3), np.zeros(6), np.zeros(6), np.zeros(6)
     work, moved = 0.0, 0.0

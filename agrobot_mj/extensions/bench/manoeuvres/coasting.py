@@ -4,8 +4,8 @@ With the driveline disconnected, the tractor rolls down a slope of 5 degrees. It
 
     a = (g sin(theta) - sum(rho_i N_i) / m) / (1 + sum(I_i / r_i^2) / m),
 
-where rho_i N_i is the rolling and soil resistance at the static load and I_i / r_i^2 the spin inertia of a wheel
-divided by its squared effective rolling radius. The effective mass exceeds the mass by 5 to 6 %.
+where rho_i N_i is the rolling and soil resistance of a wheel at its static load. I_i / r_i^2 is the spin inertia of the
+wheel divided by its squared effective rolling radius. The wheels increase the effective mass by 5 to 6 %.
 """
 
 from collections.abc import Iterator

@@ -1,7 +1,7 @@
 """Convergence with the physics step
 
-The figure eight is simulated in closed loop with noise, at physics steps of 2 ms and 1 ms. The RMS lateral error must
-be nearly equal. The tyre `contact` is reported without limits.
+The figure eight is simulated in closed loop with noise, at physics steps of 2 ms and 1 ms. The RMS lateral errors of
+both simulations must be nearly equal. Results of the tyre `contact` are reported, but have no limits.
 """
 
 from collections.abc import Iterator

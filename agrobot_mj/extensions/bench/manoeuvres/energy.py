@@ -2,10 +2,10 @@
 
 From rest, the tractor drives up and along a slope of 8 degrees on a weaving path and ends at 3 m/s. The powers are
 summed over every physics step: input of the hydrostat and of the steering pump, work of gravity, and all losses. Tyre
-losses are computed from the reports of the tyres and from the motion of the wheels over the ground (force times sliding
-velocity, rolling resistance about the axle, soil resistance, twisting of the patch), not from the wrench applied in
-MuJoCo. The balance therefore also verifies that the wrench does the work reported by the tyre, including the effective
-rolling radius. The residual is compared with the change of kinetic energy.
+losses are computed from the forces reported by the tyres and the motion of the wheels, independently of the wrench
+applied in MuJoCo. These losses are force times sliding velocity, rolling resistance about the axle, soil resistance,
+and twisting of the patch. The balance therefore also verifies that the wrench does the work reported by the tyre,
+including the effective rolling radius. The residual is compared with the change of kinetic energy.
 """
 
 from collections.abc import Iterator
@@ -44,7 +44,7 @@ class Wheel:
         self.down = down / np.linalg.norm(down)
 
     def powers(self, velocity: Array, spin: Array) -> tuple[float, float, float]:
-        """Return tyre loss, damping power, and power stored in the tyre spring [W], for velocities (3,) at mid-step."""
+        """Return tyre loss, damping power and power stored in the tyre spring [W], for velocities (3,) in mid-step."""
         plant, i, n, t = self.plant, self.i, self.n, self.plant.tyred.tyres
         report, wrench = plant.tyred.report[i], plant.data.xfrc_applied[self.body]
         tip = self.centre + t.radius[i] * self.down

@@ -1,5 +1,5 @@
 """Figures of the validation: step steer, crab angle on a slope, offset on a slope, understeer. Markers show
-measurements, lines theory."""
+measurements, and lines show theory."""
 
 from collections.abc import Callable, Mapping
 from math import degrees
@@ -122,4 +122,4 @@ FIGURES: dict[str, Callable[[Any], Figure]] = {
     "antenna lean": antenna_lean,
     "constant radius": understeer,
 }
-"""Plot functions by name of the manoeuvre. The file has the name of the function."""
+"""Plot functions by manoeuvre name. Each figure file is named after its function."""

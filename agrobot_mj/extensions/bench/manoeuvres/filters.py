@@ -2,7 +2,7 @@
 
 `estimator.backend = "filterpy"` computes the velocity and pose filters with filterpy's `KalmanFilter` and
 `ExtendedKalmanFilter`. Both backends process the same measurements of a figure eight. Their maximum differences over
-the run are due to rounding alone. Closed loop amplifies this rounding about tenfold in 5 s, so that two runs with
+the run are due to rounding alone. In closed loop, rounding differences grow about tenfold in 5 s, so that two runs with
 different backends differ by centimetres at their end.
 """
 
@@ -44,7 +44,7 @@ def _numbers(estimate: Estimate) -> Array:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the differences for the paper's estimator and `ekf_bias`. Quick mode lasts `BRIEFLY_S`."""
+    """Yield checks of the backend differences for `ekf` and `ekf_bias`. Quick mode simulates only `BRIEFLY_S`."""
     for kind in KINDS:
         found = differences(kind, BRIEFLY_S if m.quick else None)
         for quantity, unit, value in zip(

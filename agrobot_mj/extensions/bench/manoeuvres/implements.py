@@ -1,19 +1,19 @@
 """Tractor with an implement: the third axle
 
 The tractor drives with small steering angles at 1 to 3 m/s, on the `linear` tyre without rolling resistance. A mounted
-tool acts as a third axle, rigid with the tractor. With slip angles at the front axle, the rear axle R and the tool, at
-x_t behind R with stiffness C_t, and masses m at l_r ahead of R and m_i at x_i behind R, the steady state v, gamma at R
-follows from
+tool acts as a third axle, rigid with the tractor, at x_t behind the rear axle R and with stiffness C_t. The tractor has
+mass m at l_r ahead of R, the tool mass m_i at x_i behind R. The steady-state lateral speed v and yaw rate gamma at R
+follow from the slip angles of the three axles:
 
     F_f = C_f (delta - (v + L gamma) / u),   F_r = -C_r v / u,   F_t = -C_t (v - x_t gamma) / u
     F_f + F_r + F_t = (m + m_i) u gamma
     L F_f - x_t F_t = (m l_r - m_i x_i) u gamma
 
-A trailer has its pin at b behind R, its centre of mass at a behind the pin and its axle at d behind the pin. Its axle
-carries the lateral force m_i u gamma a / d. The pin carries the rest of the lateral force, like that of a mass on the
-pin. The angle between trailer and tractor follows from the slip angle of the trailer axle at this force. At walking
-pace the motion is purely geometric: the radius of the trailer's axle is sqrt(R^2 + b^2 - d^2), where R is the radius of
-the rear axle.
+The pin of a trailer is b behind R, its centre of mass a behind the pin, and its axle d behind the pin. The axle carries
+the lateral force m_i u gamma a / d. The slip angle of the trailer axle at this force determines the angle between
+trailer and tractor. The pin carries the rest of the lateral force, which acts on the tractor like a point mass at the
+pin. At walking pace the motion is purely geometric. The trailer axle then has the turning radius sqrt(R^2 + b^2 - d^2),
+where R is the turning radius of the rear axle.
 
 The draught is that of ASABE D497 at the present speed and depth. At constant speed, the pull at the hitch is the sum of
 all resistances of the implement.
@@ -49,14 +49,14 @@ CHISEL = Tool(type="chisel_plough", size=3.0, depth_m=0.1, texture="fine", noise
 
 
 class Steady(NamedTuple):
-    """Steady turn of tractor and implement, per unit steering angle."""
+    """Steady-state response of tractor and implement to steering."""
 
     gain: float  # Yaw rate divided by steering angle [1/s]
     hitch: float  # Hitch angle divided by steering angle [-]
 
 
 def three_axles(tractor: TractorParameters, plough: Mounted, u: float) -> Steady:
-    """Return the theoretical steady turn of a tractor with a rigidly mounted tool, at the speed `u` [m/s]."""
+    """Return the theoretical steering response of a tractor with a rigidly mounted tool, at the speed `u` [m/s]."""
     (C_f, C_r), L = AXLES, tractor.wheelbase_m
     C_t = plough.tool.cornering_stiffness_n_deg * 180 / np.pi
     x_t, x_i = tractor.hitch_behind_m + plough.tool_behind_m, tractor.hitch_behind_m + plough.cg_behind_m
@@ -72,7 +72,7 @@ def three_axles(tractor: TractorParameters, plough: Mounted, u: float) -> Steady
 
 
 def with_trailer(tractor: TractorParameters, trailer: Drawn, u: float) -> Steady:
-    """Return the theoretical steady turn of a tractor with a trailer, at the speed `u` [m/s]."""
+    """Return the theoretical steering response of a tractor with a trailer, at the speed `u` [m/s]."""
     (C_f, C_r), L, b = AXLES, tractor.wheelbase_m, tractor.hitch_behind_m
     C_i = C_r * trailer.slip_stiffness_scale
     share = trailer.cg_behind_m / trailer.axle_behind_m
@@ -86,13 +86,13 @@ def with_trailer(tractor: TractorParameters, trailer: Drawn, u: float) -> Steady
 
 
 class Hauler:
-    """Tractor with an implement, controlled with true state values."""
+    """Tractor with an implement, controlled by feedback of the true state."""
 
     def __init__(self, m: Trial, implement: ImplementBase, tyre: Any = TYRE) -> None:
         self.driver = Driver(*m.mujoco(tyre, machine=STOCK._replace(implement=implement)))
 
     def drive(self, speed: float, seconds: float, steer: float) -> dict[str, Array]:
-        """Drive for `seconds` [s]. Return signals of tractor and implement in the last second, shape (20,) each."""
+        """Simulate `seconds` [s]. Return the signals of tractor and implement in the last second, shape (20,) each."""
         self.driver.speed = speed
         self.driver.go(seconds - 1.0, steer)
         rows, reported = [], [column.name for column in COLUMNS]
@@ -133,7 +133,7 @@ def off_tracking(m: Trial, seconds: float) -> Check:
 
 
 def pulls(m: Trial, seconds: float) -> Iterator[Check]:
-    """Yield checks of the draught by the formula of the standard, and of the pull by the sum of resistances."""
+    """Yield checks of the draught against the standard's formula, and of the pull against the sum of resistances."""
     tyre, row = MagicFormula(), TOOLS[CHISEL.type]
     hauler = Hauler(m, Drawn(lowered=True, tool=CHISEL), tyre)
     for speed in SPEEDS_M_S[:2]:

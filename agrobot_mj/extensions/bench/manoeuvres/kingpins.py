@@ -1,14 +1,16 @@
 """Steering with mechanics: kingpins, cylinder and load
 
-A steering system that is sized for its class (cylinder, valve section, kingpins with offset, inclination and friction)
-steers the wheels at 10 deg/s through straight ahead, parked and rolling at 1 m/s. The theoretical torque of the parked
-tractor follows the equation of manufacturers of steering units, mu W sqrt(b^2 / 8 + e^2), with the tyre width b and the
-kingpin offset e [Eaton2006]. The rule assumes blocked wheels. Here the wheels roll about their kingpins, so that e adds
-only rolling resistance. With a relief pressure below the parking pressure, the steering stalls at rest and works while
-the tractor rolls. Without scrubbing, the mean of the torques in both directions lifts the weight on inclined kingpins:
-W h sin(2 s) sin(delta) / 2, in which h = e + r tan(s) is the distance from the kingpin to the wheel at its centre. In a
-steady bend, caster adds the torque (F_y + W phi) r sin(c) of the side force and of the lateral component of the weight
-on an axle with roll phi. Tilting wheels lower the weight, which reduces the torque by W r sin(c)^2 sin(2 delta) / 2.
+The steering system has a cylinder, a valve section, and kingpins with offset, inclination and friction, all sized for
+the class of the tractor. The wheels are steered at 10 deg/s through the straight-ahead position, both parked and
+rolling at 1 m/s. The theoretical torque of the parked tractor is mu W sqrt(b^2 / 8 + e^2), with the tyre width b and
+the kingpin offset e. This rule is from a manufacturer of steering units [Eaton2006]. The rule assumes blocked wheels.
+Here the wheels roll about their kingpins, so that e adds only rolling resistance. With a relief pressure below the
+parking pressure, the steering stalls at rest and works while the tractor rolls. Without scrubbing, the mean of the
+torques in both directions lifts the weight on inclined kingpins: W h sin(2 s) sin(delta) / 2. Here s is the
+inclination, and h = e + r tan(s) the distance from the kingpin to the wheel at its centre. In a steady bend, the caster
+angle c adds the torque (F_y + W phi) r sin(c). This torque is due to the side force and to the lateral component of the
+weight on an axle with roll phi. Tilting wheels lower the weight, which reduces the torque by W r sin(c)^2 sin(2 delta)
+/ 2.
 """
 
 from collections.abc import Iterator
@@ -39,7 +41,7 @@ WEAK_BAR = 25.0  # Relief pressure that is too low for steering at standstill [b
 
 
 class Turning(NamedTuple):
-    """Mean steering torques of a steering sweep in both directions."""
+    """Mean steering torques of sweeps in both directions."""
 
     torque: float  # Torque that opposes the motion [N m], mean of both directions
     offset: float  # Half of the difference between the torques in both directions [N m]
@@ -53,7 +55,7 @@ def volts(machine: Machine, side: int, rate_deg_s: float) -> float:
 
 
 def driver_of(plant: MujocoPlant, speed: float) -> Driver:
-    """Return a driver with a tractor at rest, or rolling straight ahead at `speed` [m/s]."""
+    """Return the true-state controller of a tractor at rest, or rolling straight ahead at `speed` [m/s]."""
     driver = Driver(plant, plant.reset(ORIGIN), speed)
     if speed:
         driver.go(3.0)
@@ -61,7 +63,7 @@ def driver_of(plant: MujocoPlant, speed: float) -> Driver:
 
 
 def sweep(driver: Driver, machine: Machine, middle_deg: float = 0.0) -> Turning:
-    """Steer left, right, left about an angle. Return mean torques of the last two sweeps within +-`WITHIN_DEG`."""
+    """Steer left, right, left. Return the mean torques of the last two sweeps, within `WITHIN_DEG` of `middle_deg`."""
     torques: dict[int, list[float]] = {1: [], -1: []}
     for turn, side in enumerate((1, -1, 1)):
         for _ in range(200):
@@ -76,12 +78,12 @@ def sweep(driver: Driver, machine: Machine, middle_deg: float = 0.0) -> Turning:
 
 
 def scrubbing(front_load: float, width: float, offset: float) -> float:
-    """Return the steering torque of both parked front wheels by the rule of manufacturers [N m]."""
+    """Return the steering torque of both parked front wheels by the manufacturers' equation [N m]."""
     return DRY_GRIP * front_load * sqrt(width**2 / 8 + offset**2)
 
 
 def changed(**linkage: float) -> Machine:
-    """Return the machine `SIZED` with other linkage parameters."""
+    """Return a copy of the machine `SIZED` with changed linkage parameters."""
     return SIZED._replace(linkage=LINKAGE.model_copy(update=linkage))
 
 
@@ -123,7 +125,7 @@ def stalled(m: Trial, tyre: Any) -> Iterator[Check]:
 
 
 def lifted(m: Trial) -> Check:
-    """Return a check of the steering torque that lifts the tractor at 20 degrees, on tyres without scrubbing."""
+    """Return a check of the steering torque that lifts the tractor at 20 degrees of steering, without scrubbing."""
     tyre, angle = MagicFormula(patch_half_length_m=0.0, trail_m=0.0), 20.0
     machine = changed(caster_deg=0.0, kingpin_offset_m=0.06, friction_n_m=0.0)
     plant, _ = m.mujoco(tyre, machine=machine)
@@ -156,7 +158,8 @@ def trailing(m: Trial, tyre: Any) -> Check:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield all checks with `magic_formula`, the caster check with `linear`. Quick mode omits sweeps while rolling."""
+    """Yield the check of the caster with `linear`, and all other checks with `magic_formula`. Quick mode tests only the
+    stalled steering and the torque of the lifted weight."""
     if m.quick:
         yield lifted(m)
     else:

@@ -1,9 +1,10 @@
 """Axle loads on slopes
 
-Parked on 15 degrees, the wheel loads must equal the static loads. Facing uphill and downhill, the static loads follow
-from moments about an axle, with the pitch due to tyre deflection. Across the slope, they follow from moments about the
-line through the pivot of the front axle, with the roll due to rear tyre deflection and the side deflection of the
-carcasses. The pivot transfers the complete roll moment of the body to the rear wheels.
+The wheel loads of a tractor parked on 15 degrees must equal the static loads. If the tractor faces uphill or downhill,
+the static loads follow from moments about an axle, with the pitch due to tyre deflection. Across the slope, the static
+loads follow from moments about the line through the pivot of the front axle. These moments take into account the roll
+due to rear tyre deflection and the side deflection of the carcasses. The pivot transfers the complete roll moment of
+the body to the rear wheels.
 """
 
 from collections.abc import Iterator
@@ -24,7 +25,7 @@ BAND = 0.01  # Maximum difference between measured and theoretical load, divided
 
 
 def facing_uphill(tractor: TractorParameters, grade: float) -> tuple[float, float]:
-    """Return the static loads of front and rear axle on a slope [N]. `grade` [rad] is positive facing uphill."""
+    """Return the static loads of the front and rear axles [N]. A tractor facing uphill has a positive `grade` [rad]."""
     L, weight = tractor.wheelbase_m, tractor.mass_kg * GRAVITY
     front = tractor.front_axle_load
     for _ in range(5):

@@ -1,10 +1,11 @@
-"""Shipped machines along a side slope
+"""Machines along a side slope
 
-Every machine of `agrobot-mj list --machines` drives `side_slope_10` without its implement, with the law of that
-scenario, the gains of the section on closed-loop guidance, and GNSS without noise. The machine must be at rest at the
-start. While it moves, its rear wheels must have the slip angle that supports their fraction of m g sin(theta), by the
-theory of the section on the side slope with the dimensions and tyres of the machine. The offset from the line is
-compared with the closed form of the section on closed-loop guidance, for the measured roll, crab and steering angles.
+Every machine of `agrobot-mj list --machines` drives `side_slope_10` without its implement and without GNSS noise. The
+guidance law is that of the scenario, with the gains of the section on closed-loop guidance. The machine must be at rest
+at the start. While the machine moves, the slip angle of its rear wheels must support their fraction of m g sin(theta).
+The theory is that of the section on the side slope, with the dimensions and tyres of the machine. The offset from the
+line is compared with the closed form given in the section on closed-loop guidance, evaluated for the measured roll,
+crab and steering angles.
 """
 
 from collections.abc import Iterator

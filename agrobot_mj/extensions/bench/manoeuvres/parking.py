@@ -1,9 +1,9 @@
 """Parking on a slope
 
 The tractor is parked for ten minutes on a slope of 15 degrees, facing uphill, downhill and across, with the valves in
-neutral. After ten seconds of settling, the tractor must not creep: the tyre carcass (a bristle), the hydrostat and the
-steering oil act as springs. With the contact model of MuJoCo the tractor creeps without the brake; this drift has no
-acceptance limit.
+neutral. After ten seconds of settling, the tractor must not creep, because the tyre carcasses (bristles), the hydrostat
+and the steering oil act as springs. With the contact model of MuJoCo (`contact`), the tractor creeps without the brake;
+this drift has no acceptance limit.
 """
 
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ from agrobot_mj.terrain import Slope
 
 GRADE_DEG = 15.0
 FACING = {"uphill": 0.0, "downhill": 180.0, "across": 90.0}
-"""Direction of steepest ascent from east [deg] by orientation on the slope, for a tractor that faces east."""
+"""Direction of steepest ascent [deg], counter-clockwise from east, by orientation of a tractor that faces east."""
 SETTLED_S, PARKED_S, BRIEFLY_S = 10.0, 600.0, 30.0
 DRIFT_MM = 1.0  # Maximum displacement in ten minutes [mm]
 

@@ -1,12 +1,12 @@
 """Published reference values
 
-Results are compared with numbers from outside the project. Loaded radii of tyres by size code and pressure: four
-publications of a dealer in row-crop wheels [BWT2026], for which the usual loads at 1.6 bar are assumed, and one data
-sheet with load and pressure [Mitas2026]. Maximum efficiency of a tractor of the utility class with rear-wheel drive,
-and the slip at this efficiency: a table for farmers [Arizona2026]. The efficiency is drawbar power divided by power at
-the power take-off, with load transfer and gear losses, on tyres by size. The tip-over angle of every machine is
-reported next to the 38 degrees that narrow tractors must reach in a stability test [OECD2012]. It has no limits,
-because the methods differ.
+Results are compared with numbers from outside the project. Four loaded radii, by tyre size code, are from a dealer in
+row-crop wheels [BWT2026]. For these tyres, the usual loads at 1.6 bar are assumed. The fifth radius is from a data
+sheet with load and pressure [Mitas2026]. A table for farmers [Arizona2026] gives the maximum efficiency of utility
+tractors with rear-wheel drive, and the slip at this efficiency. The efficiency is drawbar power divided by power at the
+power take-off, with load transfer, gear losses and tyre sizes of this class. The tip-over angle of every machine is
+reported next to the 38 degrees that narrow tractors must reach in a stability test [OECD2012]. This angle has no
+acceptance limits, because the methods differ.
 """
 
 from collections.abc import Iterator
@@ -50,7 +50,7 @@ SOILS = {
 """Cone index [kPa] (assumed value), published efficiency [-] and slip range [%], by soil [Arizona2026]."""
 RADIUS_BAND, EFFICIENCY_ROOM, SLIP_ROOM = 0.015, 0.1, 4.0
 """Acceptance limits of loaded radius [relative], efficiency [-], and deviation from the published slip range [%]."""
-GEARS = 0.96  # Power at the axle divided by power at the power take-off [-]. Assumed value (0.94-0.97).
+GEARS = 0.96  # Power at the axle divided by power at the power take-off [-]. Assumed value (range 0.94-0.97).
 STABILITY_DEG = 38.0  # Minimum angle of the lateral stability test of narrow tractors [deg] [OECD2012]
 TYRES = {"front_tyre": "380/70R24", "rear_tyre": "480/70R34"}  # Tyre sizes of the utility class
 
@@ -63,7 +63,7 @@ class Pull(NamedTuple):
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of loaded radii and traction, and report tip-over angles."""
+    """Yield checks of loaded radii and traction, followed by reported tip-over angles without limits."""
     for tyre in RADII:
         size = tyre_size(tyre.code)
         loaded = size.diameter / 2 - GRAVITY * tyre.load_kg / size.stiffness(tyre.pressure_bar)

@@ -1,16 +1,15 @@
 """Crab angle across a side slope
 
-Steered along the contour on a straight course, the tractor crabs: its heading points uphill of its course. Two angles
-are measured, each with a separate theory.
+The tractor is steered along the contour on a straight course. It crabs: its heading points uphill of its course. Two
+angles are measured, each with a separate theory. The *crab of the heading* is the slip angle of the rear wheels. The
+*mean crab* is the mean angle of front and rear wheels to the course, weighted by cornering stiffness.
 
-The *crab of the heading* is the slip angle of the rear wheels. The rear axle carries the fraction of m g sin(theta)
-given by the yaw balance, about l_f / L. Rolling resistance, larger on the lower wheels, and the pneumatic trails shift
-some of the side force to the front axle.
+Crab of the heading: the rear axle carries the fraction of m g sin(theta) given by the yaw balance, about l_f / L.
+Rolling resistance, larger on the lower wheels, and the pneumatic trails shift some of the side force to the front axle.
 
-The *mean crab* is the mean of the angles of front and rear wheels to the course, weighted by cornering stiffness. Both
-side forces always sum to m g sin(theta), so that in the linear range the mean crab is m g sin(theta) / (C_f + C_r). It
-has acceptance limits while the tyre force at that slip is within 3 % of its tangent at zero. The crab of the heading is
-smaller than the mean and that of the front wheels larger, because the tractor understeers.
+Mean crab: both side forces always sum to m g sin(theta), so that in the linear range the mean crab is m g sin(theta) /
+(C_f + C_r). It has acceptance limits while the tyre force at that slip is within 3 % of its tangent at zero. The crab
+of the heading is smaller than the mean and that of the front wheels larger, because the tractor understeers.
 """
 
 from collections.abc import Iterator

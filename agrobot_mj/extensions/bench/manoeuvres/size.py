@@ -2,11 +2,12 @@
 
 Tractors of 0.7 to 9 t are scaled in proportion: lengths with the cube root of the mass, inertias with mass times length
 squared. Tyre and steering properties follow from load and size. All tractors must have the same crab angle across a
-slope: with stiffnesses k per load at the static loads, sin(grade) = (w_f k_f + w_r k_r) alpha for any mass, where w is
-the fraction of the weight on an axle and alpha the mean slip angle of the axles weighted by stiffness. At its static
-load, the peak force of a wheel is mu times the load. The steering torque at standstill follows the rule of steering
-manufacturers [Eaton2006], proportional to load times width, and the wheels reach their stops. A trailer of half the
-tractor's mass, on tyres with the law of the rear tyres, has the crab angle of the tractor and stays in line.
+slope. With the stiffness k of an axle divided by its static load, sin(grade) = (w_f k_f + w_r k_r) alpha for any mass.
+Here w is the fraction of the weight on an axle, and alpha the mean slip angle of the axles, weighted by stiffness. At
+its static load, the peak force of a wheel is mu times the load. The steering torque at standstill must follow the rule
+of steering manufacturers [Eaton2006], which is proportional to load times width. The wheels must reach their stops. A
+trailer has half the mass of the tractor, and tyres with the law of the rear tyres. The trailer must have the crab angle
+of the tractor and stay in line.
 """
 
 from collections.abc import Iterator

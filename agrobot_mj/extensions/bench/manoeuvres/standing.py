@@ -1,13 +1,13 @@
 """Start, parking and braking of machines
 
 Every machine of `agrobot-mj list --machines` is placed across slopes without its implement, on ground with sufficient
-grip. The steepest slope on which the machine rests on four wheels must equal the tip-over angle in its data sheet,
-which is determined by tilting gravity for a machine at rest on level ground.
+grip. The steepest slope on which the machine rests on four wheels must equal the tip-over angle in its data sheet. The
+data sheet determines this angle by tilting gravity for a machine at rest on level ground.
 
 Parked with the brake applied and both valves in neutral, no tyre or machine may creep, on level ground or diagonally on
-a slope. From 0.85 to 0.2 of its speed, with the hydrostat disconnected, the brake must decelerate the machine by at
-least 3.55 m/s2 [EU2015]. The deceleration is reported without limits if only the rear wheels have brakes, because their
-grip may be the limit.
+a slope. From 85 % to 20 % of its initial speed, with the hydrostat disconnected, the brake must decelerate the machine
+by at least 3.55 m/s2 [EU2015]. The deceleration is reported without limits if only the rear wheels have brakes, because
+their grip may be the limit.
 """
 
 import io

@@ -1,12 +1,12 @@
 """Electro-hydraulic steering, measured at the wheels
 
-At 1.2 m/s, constant voltages give steady steering rates. They form two lines, whose zero crossings are the dead band
-and whose slopes are the gains, and a plateau, which is the rate limit. A voltage step gives delay and time constant by
-a least-squares fit of the valve law to the angle. In MuJoCo, the oil column adds its damping divided by its stiffness,
-8 ms, to the delay.
+At 1.2 m/s, constant voltages give steady steering rates. Plotted over voltage, the rates form two lines and a plateau.
+The zero crossings of the lines are the dead band, their slopes are the gains, and the plateau is the rate limit. A
+voltage step gives delay and time constant, by a least-squares fit of the valve law to the steering angle. In MuJoCo,
+the oil column increases the delay by its damping divided by its stiffness, 8 ms.
 
 The oil carries load. Steering the wheels of a parked tractor needs the pressure that twists two contact patches;
-rolling removes that twist. A torque on the wheels above the relief pressure pushes them aside at that pressure. After
+rolling removes that twist. A torque on the wheels above the relief torque rotates them at the relief pressure. After
 five seconds at a stop, the steering must leave the stop as quickly as with a rigid cylinder, without wind-up.
 """
 
@@ -49,7 +49,7 @@ def angles(trace: Trace) -> Array:
 
 
 def rolling(plant: Any, speed: float) -> Driver:
-    """Return a driver with a tractor that rolls straight ahead, with the steering valve in neutral."""
+    """Return the true-state controller of a tractor that rolls straight ahead, with the steering valve in neutral."""
     driver = Driver(plant, plant.reset(ORIGIN), speed)
     driver.go(3.0)
     driver.go_by_voltage(1.0, NEUTRAL_V)
@@ -64,7 +64,7 @@ def steady_rate(plant: Any, volts: float) -> float:
 
 
 def step_response(t: Array, delay: float, tau: float, gain: float, dead_band: float) -> Array:
-    """Return the angle after a step `STEP_V` [rad]: gain times integral of the spool voltage outside the dead band."""
+    """Return the angle after a voltage step `STEP_V` [rad]: gain times integral of spool voltage beyond dead band."""
     begins = -tau * log(1 - dead_band / STEP_V)
     s = np.maximum(t - delay, begins)
     swept: Array = (STEP_V - dead_band) * (s - begins) - STEP_V * tau * (exp(-begins / tau) - np.exp(-s / tau))

@@ -1,8 +1,8 @@
 """Step steer, after ISO 7401
 
 At 4 m/s, a voltage pulse steers the wheels to 3 degrees, nearly as fast as the hydraulics allow. The steady yaw rate
-divided by the steering angle is the kinematic u / L, reduced by slip; the theory solves the force and moment balance of
-the bend for the curvature.
+divided by the steering angle is the kinematic value u / L, reduced by slip. The theory solves the balance of forces and
+moments in the bend for the curvature.
 
 The response time is from half the steering angle to 90 % of the yaw rate. The tyres of the bicycle respond at once; the
 other tyres respond over their relaxation length sigma, 0.42 m in front and 0.63 m behind, which delays the yaw rate and
@@ -36,11 +36,11 @@ SPEED_M_S, STEER = 4.0, radians(3.0)
 PULSE_S, PHYSICS_S = 3 * TICK_S, 0.002
 BAND = 0.02  # Acceptance limit of the steady gain [relative], as in the tests of the plants
 TRANSIENT_BAND = 0.10
-"""Acceptance limit of the overshoot [relative]. It is wide, because the overshoot is a difference of two values."""
+"""Acceptance limit of the overshoot [relative]. It is wide, because the overshoot is a small yaw-rate difference."""
 
 
 class Step(NamedTuple):
-    """Response of a plant to a steering step, from the tick of the step."""
+    """Response of a plant to a steering step, starting at the tick of the step."""
 
     t: Array  # Time since the step [s]
     steer: Array  # Steering angle [rad]

@@ -41,7 +41,7 @@ from agrobot_mj.tyres.base import Footing, Slip, TyreLaw
 from agrobot_mj.tyres.laws import TRAIL_SLIP, tyre_set
 
 ROLLING_M_S = 1.0
-"""Speed for evaluating tyre laws [m/s]. It is high enough for terms that vanish at standstill."""
+"""Speed for evaluating tyre laws [m/s]. It is high enough for forces that fade out near standstill."""
 
 
 STOCK, LINEAR = TractorParameters(), Linear()
@@ -81,7 +81,7 @@ class Loads(NamedTuple):
 
 
 class Balance(NamedTuple):
-    """Steady state under a constant lateral acceleration."""
+    """Steady state of a tractor under a constant lateral acceleration."""
 
     loads: Loads
     front_slip: float  # Slip angle of the front wheels [rad], positive for a force to the left
@@ -89,7 +89,7 @@ class Balance(NamedTuple):
 
 
 class Tractor:
-    """Theory of steady states of a tractor with a given kind of tyre."""
+    """Theory of the steady states of a tractor with a given tyre type."""
 
     def __init__(self, tractor: TractorParameters = STOCK, tyre: Any = LINEAR) -> None:
         self.p, self.parts, self.tyres = tractor, parts(tractor), tyre_set(tyre, tractor)
@@ -109,7 +109,7 @@ class Tractor:
         aside: Pair = (0.0, 0.0),
         dragged: float = 0.0,
     ) -> Loads:
-        """Return the wheel loads [N] for the front side force F_f and a load `shift` from front to rear axle [N].
+        """Return the wheel loads [N] for the front side force F_f and a load transfer `shift` to the rear axle [N].
 
         `aside` is the sum of load times lateral displacement of the contact patches, for each axle [N m]. `dragged` is
         the lateral component D of the drag of steered front wheels [N].
@@ -149,7 +149,7 @@ class Tractor:
         return (t.front if i < 2 else t.rear), Slip(x, y, load, load / t.stiffness[i], ROLLING_M_S, self.footing)
 
     def lateral(self, i: int, slip: float, load: float) -> float:
-        """Return the lateral force of wheel `i` against a slip angle [rad], at a load [N]."""
+        """Return the lateral force of wheel `i` [N] that opposes a slip angle [rad], at a load [N]."""
         law, state = self.slip(i, 0.0, -tan(slip), load)
         return float(law.force(state).y)
 
@@ -172,7 +172,7 @@ class Tractor:
         return radii, sum(self.resistance(i, loads[i]) for i in range(4))
 
     def axle_slip(self, wheels: tuple[int, int], loads: Array, wanted: float) -> float:
-        """Return the slip angle at which the two wheels of an axle have the lateral force `wanted` [N]. Raises
+        """Return the slip angle at which the two wheels of an axle produce the lateral force `wanted` [N]. Raises
         ValueError if the force is too large."""
 
         def missing(slip: float) -> float:
@@ -217,15 +217,15 @@ class Tractor:
     def leaning(self, against: Array) -> float:
         """Return the yaw moment out of the bend per roll angle [N m/rad], for the resistances of the wheels [N].
 
-        The rear wheels push at their contact patches, with a lateral distance to their centres and to the pivot. The
-        open differential gives both wheels the same torque. The more compressed wheel, with its smaller rolling radius,
+        The rear wheels push at their contact patches, which are laterally offset from wheel centres and pivot. The open
+        differential gives both wheels the same torque. The more compressed wheel, with its smaller rolling radius,
         pushes harder.
         """
         front, rear, radius = float(against[:2].sum()), float(against[2:].sum()), self.p.rear_wheel_radius_m
         return front * self.parts.pivot_z + rear * radius - (front + rear) * self.p.track_m**2 / (12 * radius)
 
     def scrub(self, loads: Array, curvature: float) -> float:
-        """Return the yaw moment of the scrubbing patches against turning on a path `curvature` [1/m], in [N m]."""
+        """Return the yaw moment [N m] with which scrubbing patches resist turning on a path `curvature` [1/m]."""
         t = self.tyres
         rolls = t.twist_relaxation * t.twist_stiffness * abs(curvature)
         return float(np.minimum(rolls, DRY_GRIP * loads * t.scrub_arm).sum())

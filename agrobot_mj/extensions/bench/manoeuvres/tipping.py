@@ -4,9 +4,10 @@ Gravity is tilted slowly, as if the field of a parked tractor were raised at one
 slope at which the upper rear wheel finally leaves the ground is compared with theory. The front axle rotates about its
 pivot and carries no roll moment. Therefore the tractor tips about the line from the lower rear contact patch to that
 pivot, at about 35 degrees. Tipping about the line through both downhill patches would need 42 degrees, but the pivot
-reaches its stops above this angle. The theory includes the roll of the body on its tyres and the side deflection of the
-carcass, which reduce the angle by several degrees. Parked patches resist the yaw between axles that deflect unequally,
-which adds up to 1.2 degrees. On tyres with insufficient grip, the tractor slides first.
+reaches its stops only above this angle. The theory includes the roll of the body on its tyres and the side deflection
+of the carcass, which reduce the angle by several degrees. Unequal deflection of the axles makes the tractor yaw. The
+contact patches resist this yaw, which increases the angle by up to 1.2 degrees. On tyres with insufficient grip, the
+tractor slides first.
 """
 
 from collections.abc import Iterator

@@ -19,7 +19,7 @@ __all__ = ["FRONT", "REAR", "Rig", "Setting", "Towed", "load_specimen", "rig_com
 
 
 def rig_command(source: str, out: Path) -> list[Path]:
-    """Measure a tyre (kind or TOML file) on the rig. Write curves and figures to `out` and return the files."""
+    """Measure a tyre (type or TOML file) on the rig. Write curves and figures to `out` and return the files."""
     specimen = load_specimen(source)
     with results(out, ("curves.parquet", *(f"{draw.__name__}.png" for draw in FIGURES))):
         try:

@@ -24,7 +24,7 @@ COLUMNS_OF_LEGEND = 7
 
 
 def write_figures(table: pa.Table, folder: Path) -> list[Path]:
-    """Draw the figures of a table from `sweep.sweep` into `folder`. Return the files."""
+    """Plot the table returned by `sweep.sweep`, save the figures in `folder`, and return their paths."""
     with mpl.rc_context(STYLE):
         drawn = {draw.__name__: draw(table) for draw in FIGURES}
         return [save(figure, folder / f"{name}.png") for name, figure in drawn.items() if figure is not None]
@@ -41,14 +41,14 @@ def longitudinal(table: pa.Table) -> Figure:
 
 
 def aligning(table: pa.Table) -> Figure | None:
-    """Plot aligning moment versus slip angle, one curve per load. Return None for tyres without aligning moment."""
+    """Plot aligning moment versus slip angle, with one curve per load. Return None for tyres without this moment."""
     if not np.any(_column(_rows(table, test="lateral"), "mz_n_m")):
         return None
     return _by_load(table, "lateral", "mz_n_m", "aligning moment [N m]", 1.0)
 
 
 def combined(table: pa.Table) -> Figure:
-    """Plot lateral versus longitudinal force at several slip angles, and the ellipse through the pure-slip maxima."""
+    """Plot lateral versus longitudinal force at several slip angles, with the ellipse through the pure-slip maxima."""
     figure, grid = _panels(table, height=2.9)
     for axes, axle in grid:
         rows = _rows(table, test="combined", axle=axle)
@@ -64,7 +64,7 @@ def combined(table: pa.Table) -> Figure:
 
 
 def step(table: pa.Table) -> Figure | None:
-    """Plot lateral force divided by its steady value versus distance from a slip-angle step, one curve per speed."""
+    """Plot lateral force divided by its steady value versus distance after a slip-angle step, one curve per speed."""
     if not _rows(table, test="step").num_rows:
         return None
     figure, grid = _panels(table)
@@ -97,7 +97,7 @@ def speed(table: pa.Table) -> Figure:
 
 
 def hopping(table: pa.Table) -> Figure | None:
-    """Plot the fraction of time in contact versus slip angle, by speed. Return None for permanent contact."""
+    """Plot the fraction of time in contact versus slip angle, by speed. Return None if contact is permanent."""
     if np.all(_column(_rows(table, test="lateral"), "grounded") == 1.0):
         return None
     figure, grid = _panels(table)

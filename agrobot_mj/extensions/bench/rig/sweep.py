@@ -1,6 +1,6 @@
 """Measurements of a tyre on the rig, as one table.
 
-Columns: `test`, `tyre` (its kind), `axle`, `speed_m_s`, `load_n`, `slip_angle_rad`, `slip_ratio`, `distance_m` (`step`
+Columns: `test`, `tyre` (its type), `axle`, `speed_m_s`, `load_n`, `slip_angle_rad`, `slip_ratio`, `distance_m` (`step`
 only), `fx_n`, `fy_n`, `mz_n_m`, `grounded` (see `wheel.Reading`). Rows by `test`:
 
     lateral        sweep of the slip angle, wheel rolling freely, at every load and at every speed
@@ -9,7 +9,7 @@ only), `fx_n`, `fy_n`, `mz_n_m`, `grounded` (see `wheel.Reading`). Rows by `test
     step           response versus the distance after a step in slip angle, at every speed, for tyres with relaxation
     contact        small slip angles with MuJoCo's contact model at every speed, front axle, for comparison
 
-A tyre is given by its kind or by a TOML file with its keys at the top level, in `[tyre]`, or in `[plant.tyre]` as in a
+A tyre is given by its type or by a TOML file with its keys at the top level, in `[tyre]`, or in `[plant.tyre]` as in a
 scenario. A `[tractor]` table sets sizes and loads.
 """
 
@@ -42,7 +42,7 @@ class Specimen(NamedTuple):
 
 
 def load_specimen(source: str) -> Specimen:
-    """Return the default tyre of a kind, or the tyre in a TOML file."""
+    """Return the default tyre of a type, or the tyre in a TOML file."""
     kinds = list(families()["plant.tyre"])
     if source in kinds:
         return _resolved({"tyre": {"kind": source}}, "tyre.", source)

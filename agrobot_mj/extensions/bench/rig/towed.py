@@ -32,7 +32,7 @@ class Towed:
     """Tyre rig with the contact model of MuJoCo and the interface `TestBench`."""
 
     relaxation = 0.0
-    """Relaxation length [m]. It is zero, because the build-up of force depends on the constraints of the sled."""
+    """Relaxation length of the contact model, always 0 [m]. Only the constraints of the sled delay the force."""
 
     def __init__(
         self, contact: NativeContact, tractor: TractorParameters, wheel: int = FRONT, dt: float = DT_S

@@ -21,7 +21,7 @@ from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, TyreSet, WheelMotion
 DT_S = 0.002  # Time step of the rig [s], equal to the default physics step
 SETTLE_LENGTHS = 25.0  # Distance before a measurement [relaxation lengths]; a transient decays by exp(-25) = 1e-11
 MOST_RADII = 10.0
-"""Maximum relaxation length divided by free radius [-], as in a scenario. Longer ones take too long to settle."""
+"""Maximum relaxation length divided by free radius [-], as in a scenario. Longer relaxation needs too much time."""
 FRONT, REAR = 0, 2  # Indices of the front and rear wheel whose tyres are tested
 AXLES = {"front": FRONT, "rear": REAR}
 
@@ -51,7 +51,7 @@ def static_load(tractor: TractorParameters, wheel: int) -> float:
 
 
 class TestBench(Protocol):
-    """Interface of tyre rigs with one wheel, for any computation of the forces."""
+    """Interface of tyre rigs with one wheel, independent of the tyre model."""
 
     relaxation: float
     """Relaxation length of the tyre [m], or 0 for a tyre without relaxation."""
@@ -102,7 +102,7 @@ class Rig:
         return Reading(*self.history(setting, SETTLE_LENGTHS * self.relaxation_at(setting.load))[-1].tolist())
 
     def relaxation_at(self, load: float) -> float:
-        """Return the maximum of longitudinal and lateral relaxation length at a load [N], in [m]."""
+        """Return the maximum of the longitudinal and the lateral relaxation length [m] at a load [N]."""
         t, i = self.tyres, self.wheel
         law = t.front if i < 2 else t.rear
         K = slip_stiffness(law, load, load / t.stiffness[i], Footing(1.0, t.cone_index), 0.0, 0.0)

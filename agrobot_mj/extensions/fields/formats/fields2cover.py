@@ -11,7 +11,7 @@ WIDTH, TURN = 8, 2  # Number of values per row, and value of the type column tha
 
 
 def _row(line: str) -> list[float]:
-    """Return the numbers in a row of text, or an empty list if the row does not have `WIDTH` finite numbers."""
+    """Return the numbers in a line of text, or an empty list if the line does not have `WIDTH` finite numbers."""
     try:
         found = [float(cell) for cell in line.replace(",", " ").split()]
     except ValueError:

@@ -21,7 +21,7 @@ OBSTACLES = ("3", "4", "6")  # Type numbers of polygons that the tractor must no
 EXTERIOR, INTERIOR, GUIDANCE = "1", "2", "5"
 """Type codes of line strings: exterior ring, interior ring, guidance line."""
 AB, A_PLUS, BOTH_ENDS = "1", "2", "1"
-"""Type codes of guidance patterns: two points (AB), point and heading (A+); code for an extension at both ends."""
+"""Type codes of guidance patterns by two points (AB) or point and heading (A+), and code for extension at both ends."""
 LINE_M = 1000.0  # Length of a guidance line on each side of its point [m], for a pattern given by a point and a heading
 
 
@@ -80,7 +80,7 @@ def _heading(pattern: Element) -> float:
 
 
 def _through(point: Array, heading: float) -> Array:
-    """Return a line through `point` (longitude, latitude) [deg] at a compass heading [rad], LINE_M long on each
+    """Return a line through `point` (longitude, latitude) [deg] at a compass heading [rad], of length LINE_M on each
     side."""
     origin = Origin(float(point[1]), float(point[0]))
     east, north = LINE_M * sin(heading), LINE_M * cos(heading)

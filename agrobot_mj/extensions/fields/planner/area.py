@@ -17,7 +17,7 @@ from agrobot_mj.paths.track import Piece, chain
 
 TOLERANCE_M = 0.05  # Permitted distance beyond the boundary [m], for rounded corners and coordinates
 SWING_M = 0.3
-"""Permitted distance of the implement ends beyond the boundary at bends [m]. Assumed value (0-0.5)."""
+"""Additional permitted distance of the implement ends beyond the boundary in bends [m]. Assumed value (range 0-0.5)."""
 
 
 @dataclass(frozen=True)
@@ -52,9 +52,8 @@ class Area:
         return found
 
     def faults(self, start: Pose, pieces: tuple[Piece, ...]) -> tuple[float, float]:
-        """Return two faults of a connection: excess over the permitted distance beyond the boundary [m], and length on
-        the body
-        [m]."""
+        """Return two violations by a connection [m]: excess over the permitted distance beyond the boundary, and length
+        on the body."""
         if not any(piece.length > 1e-9 for piece in pieces):
             return 0.0, 0.0
         x, y, yaw = chain(start, pieces).divided().joints()
@@ -86,7 +85,7 @@ def inside_laps(whole: BaseGeometry, plan: Plan) -> BaseGeometry:
 
 
 def area_of(field: Field, headlands: int, rig: FieldMachine, beyond: float = 0.0, margin: float = 0.0) -> Area:
-    """Divide a field into an unworked margin along the boundary, headland laps, and the body inside the laps."""
+    """Return the areas of a field: headland laps inside an unworked margin, and the body inside the laps."""
     whole, first = whole_of(field), margin + rig.overlap / 2
     laps = tuple(smoothed(ring, rig) for ring in rings(offset(whole, first), headlands, rig.spacing))
     return Area(whole, offset(whole, first + headlands * rig.spacing), laps, rig, beyond)

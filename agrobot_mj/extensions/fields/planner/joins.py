@@ -1,9 +1,9 @@
 """Connections between passes: turns at the ends of adjacent passes, and routes along headland laps to distant passes.
 
-Candidates are evaluated in groups: the chosen turn; other forward connections and turns with a reverse segment; routes
-along a lap. A candidate is free if it stays inside the field and does not cross the body. The result is the cheapest
-free candidate of the first group with a free candidate. Without free candidates, the result is the cheapest candidate,
-and the plan contains a warning.
+Candidates are evaluated in groups: the preferred turn; other connections, some with a reverse segment; routes along a
+lap. For distant passes, the last two groups are combined. A candidate is free if it stays inside the field and does not
+cross the body. The result is the cheapest free candidate of the first group that contains one. Without free candidates,
+the result is the cheapest candidate, and the plan contains a warning.
 """
 
 from collections.abc import Iterator
@@ -39,8 +39,8 @@ Shape = Literal["omega", "bulb", "clothoid", "k"]
 Pieces = tuple[Piece, ...]
 NEAR = 6.0  # Maximum distance at which passes are joined by a turn at their ends [turn radii]. Assumed value.
 OUTSIDE, ACROSS = 50.0, 5.0
-"""Cost of a connection per metre outside the field, and per metre across the body, as path length [-]. Assumed
-values."""
+"""Cost of a connection as additional path length per metre outside the field, and per metre across the body [-].
+Assumed values."""
 CUSP_M = 5.0  # Cost of a cusp (change of driving direction) [m], as additional path length. Assumed value.
 GENTLE = (2.0, 3.0)  # Radii of gentle bends, as multiples of the turn radius [-]
 FORWARD_TRIED = 3  # Maximum number of evaluated forward connections between two swaths
@@ -92,7 +92,7 @@ def _tiers(area: Area, start: Pose, goal: Pose, shape: Shape) -> Iterator[Iterat
 
 
 def _others(start: Pose, goal: Pose, bends: Bends, opposite: bool) -> Iterator[Pieces]:
-    """Yield forward connections, also with larger radii for wide implements, then connections with a reverse
+    """Yield forward connections, some with larger radii for wide implements, then connections with a reverse
     segment."""
     yield from connections(start, goal, bends)[:FORWARD_TRIED]
     for factor in GENTLE:
@@ -103,7 +103,7 @@ def _others(start: Pose, goal: Pose, bends: Bends, opposite: bool) -> Iterator[P
 
 
 def _turns(start: Pose, goal: Pose, shape: Shape, bends: Bends) -> Iterator[Pieces]:
-    """Yield the turn to the opposite pass at `goal`. The turn starts beyond the ends of the two passes."""
+    """Yield the turn to the opposite pass at `goal`. The turn starts beyond the ends of both passes."""
     ahead, left = to_heading(start.yaw, goal.x - start.x, goal.y - start.y)
     if abs(left) < 1e-6:
         return
@@ -137,8 +137,8 @@ def _mirrored(piece: Piece) -> Piece:
 def _bulb(away: float, bends: Bends) -> tuple[Pieces, float]:
     """Return a turn to a pass `away` [m] to the left, and the distance of the turn's end ahead of its start [m].
 
-    The turn is a bend to the right by an angle f, then a bend to the left by pi + f. With arcs, cos f = away / (2
-    radius).
+    The turn is a bend to the right by an angle f, followed by a bend to the left by pi + f. With arcs, cos f = away /
+    (2 radius).
     """
 
     def turn(flare: float) -> Pieces:
@@ -165,7 +165,7 @@ def _routes(area: Area, start: Pose, goal: Pose) -> Iterator[Pieces]:
 
 
 Place = tuple[float, Pose, float]
-"""Arc length on a ring [m], pose at the arc length, and distance along the ring from the nearest ring point [m]."""
+"""Point on a ring: arc length [m], pose, and distance along the ring from the point nearest to start or goal [m]."""
 
 
 def _places(ring: Ring, pose: Pose, step: float) -> list[Place]:

@@ -32,12 +32,12 @@ class Leaving:
 
     @property
     def laps(self) -> float:
-        """Maximum excess over the permitted distance beyond the boundary on headland laps [m]."""
+        """Maximum distance by which the machine exceeds the permitted limit on headland laps [m]."""
         return float(np.where(self.in_lap, self.excess, 0.0).max())
 
     @property
     def turns(self) -> float:
-        """Maximum excess over the permitted distance beyond the boundary on swaths, turns and connections [m]."""
+        """Maximum distance by which the machine exceeds the permitted limit on swaths, turns and connections [m]."""
         return float(np.where(self.in_lap, 0.0, self.excess).max())
 
     @property
@@ -57,7 +57,7 @@ class Leaving:
         return [f"{what} by {self._places(values)}" for what, values in said if values.max() > WARNED_M]
 
     def _places(self, outside: Array) -> str:
-        """Return a text with the maximum distance beyond the boundary and the positions of the local maxima, to 1 m."""
+        """Return a text with the maximum distance beyond the boundary, and positions of local maxima to 1 m."""
         places = sorted(_peaks(outside, WARNED_M), key=lambda k: -outside[k])
         told = list(dict.fromkeys(f"({self.x[k]:.0f}, {self.y[k]:.0f})" for k in places))
         more = f" and {len(told) - PLACES_TOLD} more" if len(told) > PLACES_TOLD else ""

@@ -1,7 +1,7 @@
 """Planner of field work: headland laps from the boundary inwards, laps around obstacles, then the cells of the body.
 
 A cell is a group of adjacent swaths. After each cell, the planner continues with the cell that has the cheapest
-connection. The machine can follow the plans. Plans are complete, but not optimal.
+connection. The machine can follow every plan. Plans are complete, but not optimal.
 """
 
 from collections.abc import Sequence
@@ -205,7 +205,7 @@ def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
 
 
 def _work(field: Field, rig: FieldMachine, options: Options, headlands: int, margin: float = 0.0) -> _Work:
-    """Return a plan with `headlands` headland laps and a `margin` [m]. Raise `ScenarioError` if this is impossible."""
+    """Return a plan with a `margin` [m] and `headlands` laps. Raise `ScenarioError` if the field is too narrow."""
     area = area_of(field, headlands, rig, options.beyond, margin)
     work = _Work(area, options._replace(headlands=headlands))
     for ring in area.laps:

@@ -13,7 +13,7 @@ from agrobot_mj.paths import Swaths
 from agrobot_mj.scenario.schema import Scenario
 
 MAX_CURVATURE_FRACTION = 0.95
-"""Fraction of the curvature limit of the machine that plans may use [-]. Assumed value: 5 % remain for feedback."""
+"""Fraction of the machine's curvature limit that plans may use [-]. Assumed value: 5 % remain for feedback control."""
 BAR_M = 0.1  # Half of the length of the outline of the implement [m]
 
 
@@ -60,7 +60,7 @@ def implement_boxes(rig: FieldMachine, x: Array, y: Array, yaw: Array) -> Array:
 def _boxes(x: Array, y: Array, yaw: Array, front: float, rear: float, side: float) -> Array:
     """Return a rectangle at each pose, as polygons (n,).
 
-    `front`, `rear` and `side` are the coordinates of its edges relative to the pose [m], positive ahead and left.
+    `front`, `rear`, `side` are coordinates of its edges relative to the pose [m], positive ahead and to the left.
     """
     ahead, left = np.array([front, rear, rear, front]), np.array([side, side, -side, -side])
     c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
@@ -70,9 +70,9 @@ def _boxes(x: Array, y: Array, yaw: Array, front: float, rear: float, side: floa
 
 
 def rig_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachine:
-    """Return the machine data of a scenario whose path has kind `swaths`.
+    """Return the machine data of a scenario with a `swaths` path.
 
-    Raise `ScenarioError` for another path or if the turn radius is too small for the machine.
+    Raise `ScenarioError` for another path type or if the turn radius is too small for the machine.
     """
     tractor, path = scenario.tractor, scenario.path
     if not isinstance(path, Swaths):
@@ -88,7 +88,7 @@ def rig_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachi
 
 
 def outline_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachine:
-    """Return the machine data of a scenario with any kind of path."""
+    """Return the machine data of a scenario with any type of path."""
     tractor = scenario.tractor
     hitched = scenario.implement.hitched(tractor)
     hitch = tractor.cg_to_rear_axle + tractor.hitch_behind_m

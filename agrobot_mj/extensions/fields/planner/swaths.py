@@ -1,10 +1,10 @@
 """Swaths: parallel strips of equal width that cover an area, in the direction with the fewest swaths, grouped in cells.
 
 Swaths are straight lines or concentric arcs. A coordinate frame has stations along the swaths and offsets across them;
-in this frame, both types of swaths are straight. Adjacent strips cover the area from its lowest edge. Each connected
-part of the area in a strip is one swath. A swath has the length of this part, so that the full width is worked at
-oblique edges. A cell is a series of swaths in adjacent strips, each with exactly one adjacent swath in the next strip:
-the decomposition of [Choset2000].
+in this frame, both types of swaths are straight. Adjacent strips cover the area, starting at its minimum offset. Each
+connected part of the area in a strip is one swath. A swath has the length of this part, so that the full width is
+worked at oblique edges. A cell is a series of swaths in adjacent strips, each with exactly one adjacent swath in the
+next strip: the decomposition of [Choset2000].
 """
 
 from collections.abc import Iterator
@@ -66,7 +66,7 @@ class SwathFrame(NamedTuple):
         return np.column_stack([turned / self.curvature, 1 / self.curvature - side * np.hypot(east, north)])
 
     def stretch(self, across: float) -> float:
-        """Return the length of a swath at the offset `across` [m] divided by its station difference [-]."""
+        """Return the length of a swath at the offset `across` [m] divided by the difference of its end stations [-]."""
         return 1.0 - self.curvature * across
 
     def pose(self, station: float, across: float) -> Pose:
@@ -96,8 +96,8 @@ class Pattern(NamedTuple):
 
 
 def best_pattern(area: BaseGeometry, width: float, sections: int) -> Pattern:
-    """Return the pattern with the fewest swaths of all evaluated directions, and with the minimum length among
-    equals."""
+    """Return the pattern with the fewest swaths of all evaluated directions. Ties are resolved by the minimum total
+    length."""
     found = (pattern(area, SwathFrame(angle), width, 1) for angle in _angles(area, width))
     best = min(found, key=lambda each: (each.number, round(each.length, 3)))
     return pattern(area, best.frame, width, sections)
@@ -166,8 +166,8 @@ def _cells(rows: list[list[Swath]]) -> list[list[Swath]]:
 
 
 def ordered(count: int, order: str, across: int) -> list[int]:
-    """Return the swath indices of a cell in the order of travel: adjacent swaths, or with order `skip`, steps of
-    `across`."""
+    """Return the swath indices of a cell in the order of travel: ascending, or with the order `skip` in steps of
+    `across` swaths."""
     if order == "skip" and across > 1 and count >= 2 * across + 1:
         return list(skipping(count, across))
     return list(range(count))

@@ -46,12 +46,12 @@ class Word(NamedTuple):
 
     @property
     def mirrored(self) -> "Word":
-        """Word with left and right exchanged."""
+        """Connection type with left and right exchanged."""
         return Word(-self.first, -self.middle, -self.last, self.reverse)
 
 
 FORWARD = (*(Word(a, 0, b) for a in (1, -1) for b in (1, -1)), Word(1, -1, 1), Word(-1, 1, -1))
-"""Words without reverse segments."""
+"""Connection types without reverse segments."""
 REVERSING = (Word(1, -1, 1, True), Word(-1, 1, -1, True))  # Words whose middle bend is driven in reverse
 
 
@@ -73,7 +73,7 @@ def straight(length: float, speed: float = inf) -> tuple[Piece, ...]:
 
 
 def connections(start: Pose, goal: Pose, bends: Bends, words: tuple[Word, ...] = FORWARD) -> list[tuple[Piece, ...]]:
-    """Return all connections from `start` to `goal` with the given words, in order of increasing length."""
+    """Return all connections of the types `words` from `start` to `goal`, in order of increasing length."""
     ahead, left = to_heading(start.yaw, goal.x - start.x, goal.y - start.y)
     key = tuple(round(value / GRID) * GRID for value in (ahead, left, wrap(goal.yaw - start.yaw)))
     return list(_connections(*key, bends, words))
@@ -101,7 +101,7 @@ def shortest_arcs(start: Pose, goal: Pose, radius: float) -> float:
 
 
 def _solutions(word: Word, goal: Pose, bends: Bends) -> Iterator[tuple[Piece, ...]]:
-    """Yield the connections of one word from the origin to `goal`, as tuples of path segments."""
+    """Yield the connections of one type from the origin to `goal`, as tuples of path segments."""
     for guess in _arcs(word, goal, bends.reach):
         found = guess if isinf(bends.sharpness) else _refined(word, guess, goal, bends)
         if found is None or (word.middle == 0 and found[1] < 0):
@@ -113,9 +113,9 @@ def _solutions(word: Word, goal: Pose, bends: Bends) -> Iterator[tuple[Piece, ..
 
 
 def _pieces(word: Word, values: tuple[float, float, float], bends: Bends) -> Iterator[Piece]:
-    """Yield the segments of a word. `values` are the angles of bends [rad] and the length of a straight [m].
+    """Yield the segments of a connection. `values` are bend angles [rad] and the length of a straight segment [m].
 
-    The side of a bend with a negative angle is reversed.
+    A negative angle exchanges left and right of the bend.
     """
     sides = (word.first, word.middle, word.last)
     for k, (side, value) in enumerate(zip(sides, values, strict=True)):
@@ -130,7 +130,7 @@ def _pieces(word: Word, values: tuple[float, float, float], bends: Bends) -> Ite
 def _refined(
     word: Word, guess: tuple[float, float, float], goal: Pose, bends: Bends
 ) -> tuple[float, float, float] | None:
-    """Return the three parameters of a word with clothoids, starting from `guess`, or None if the solver fails."""
+    """Return the three parameters of a connection with clothoids, computed from `guess`, or None for no solution."""
     from scipy.optimize import fsolve  # slow import, needed only with clothoids
 
     def error(values: Array) -> tuple[float, float, float]:
@@ -171,7 +171,7 @@ def _centre(bends: Bends) -> tuple[float, float]:
 
 
 def _arcs(word: Word, goal: Pose, radius: float) -> Iterator[tuple[float, float, float]]:
-    """Yield the parameters of a word with arcs: angles of bends [rad], and length of the straight segment [m]."""
+    """Yield the parameters of a connection with arcs: bend angles [rad], and length of the straight segment [m]."""
     if word.first < 0:
         word, goal = word.mirrored, Pose(goal.x, -goal.y, -goal.yaw)
     side = word.last

@@ -1,5 +1,5 @@
-"""Command for falsification: searches for the mildest failing combination and writes `falsify.json`, `falsify.png` and
-a recording."""
+"""Falsification command: searches for the mildest failing combination of key values and writes `falsify.json`,
+`falsify.png` and a recording."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -27,7 +27,7 @@ from agrobot_mj.studies.style import write_figure
 FAILURE = {"run.rrd": "failure.rrd", "signals.parquet": "failure.parquet", "scenario.toml": "failure.toml"}
 """Files of the failing run, with their names in the results folder."""
 FILES = ("falsify.json", "falsify.png", *FAILURE.values())
-"""Files that a falsification writes. The files of the failing run are missing if no combination fails."""
+"""Files that a falsification writes. Without a failing combination, the files of the failing run are missing."""
 
 
 def falsify(
@@ -37,7 +37,7 @@ def falsify(
     jobs: int | None = None,
     done: Callable[[Combination], object] = lambda tried: None,
 ) -> Falsified:
-    """Search for the mildest failing combination. Write the result and the rows of all runs to `folder`."""
+    """Search for the mildest combination of key values that fails. Write the result and all rows to `folder`."""
     question.check(scenario)
     mild = scenario.changed(question.overrides(scenario, (0.0,) * len(question.varied)))
     check_tractors([mild, mild.changed({"seed": scenario.seed + max(question.seeds, CONFIRMED) - 1})])
@@ -53,7 +53,7 @@ def falsify(
 
 
 def content(scenario: Scenario, q: FalsifyQuestion, found: Falsified) -> dict[str, Any]:
-    """Return the content of `falsify.json`: settings, result, its neighbours, and all evaluated combinations."""
+    """Return the content of `falsify.json`: settings, result with its neighbours, and all evaluated combinations."""
     return {
         **about(scenario),
         **q._asdict(),
@@ -69,7 +69,7 @@ def content(scenario: Scenario, q: FalsifyQuestion, found: Falsified) -> dict[st
 
 
 def figure(q: FalsifyQuestion, found: Falsified, driven: list[dict[str, Any]]) -> Figure:
-    """Return a figure of all evaluated combinations versus two keys, and of two trajectories."""
+    """Return a figure of all evaluated combinations versus two keys, and of the trajectories of two combinations."""
     drawn, beside, _ = courses_figure(driven, ("all mild", _name(found)))
     _draw_tried(beside, q, found)
     return drawn

@@ -21,7 +21,7 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.studies import Row, RunTasks, Task
 
 FARTHEST = 4.0
-"""Maximum distance of a varied value from its mean [standard deviations]. One in 16,000 values is farther away."""
+"""Maximum distance of a value from its mean [standard deviations]. One in 16,000 values has a larger distance."""
 FEWEST = 20  # Minimum number of combinations in a search
 NOT_FOUND = "not_found"  # Verdict of a search without a failing combination
 
@@ -36,24 +36,24 @@ class Varied(NamedTuple):
     high: float = 1.0  # Maximum distance from `start` [-]
 
     def at(self, distance: float) -> float:
-        """Return the value of the key at a distance from `start` [-]."""
+        """Return the value of the key at a normalised distance from `start` [-]."""
         return self.start + self.unit * distance
 
     @property
     def hardest(self) -> float:
-        """Distance from `start` to the hard end of the range [-]."""
+        """Normalised distance from `start` to the hard end of the range [-]."""
         return max(self.low, self.high, key=abs)
 
     @classmethod
     def ranged(cls, key: str, mild: float, hard: float) -> "Varied":
-        """Return a key that varies from `mild` to `hard`. Raises `ScenarioError` for invalid ends."""
+        """Return a key with the range from `mild` to `hard`. Raises `ScenarioError` for invalid ends of the range."""
         if not (isfinite(mild) and isfinite(hard) and isfinite(hard - mild)) or mild == hard:
             raise ScenarioError(f"--vary {key}={mild:g}:{hard:g}: specify two different numbers, the mild one first")
         return cls(key, mild, hard - mild)
 
     @classmethod
     def spread(cls, key: str, mean: float, deviation: float) -> "Varied":
-        """Return a key that varies with a normal distribution. Raises `ScenarioError` for invalid numbers."""
+        """Return a key with a normal distribution. Raises `ScenarioError` for an invalid mean or deviation."""
         if not (isfinite(mean) and isfinite(deviation) and deviation > 0):
             raise ScenarioError(f"--vary {key}: write normal = [mean, standard deviation], with a deviation above 0")
         return cls(key, mean, deviation, -FARTHEST, FARTHEST)
@@ -67,7 +67,7 @@ class FalsifyQuestion(NamedTuple):
     budget: int = 150  # Number of combinations to evaluate
     seeds: int = 3  # Number of runs of each combination. A combination fails if more than half of its runs fail.
     score: str | None = None
-    """Signal whose magnitude is the margin of a run. Default: the margin is computed from the metrics in `until`."""
+    """Signal whose maximum magnitude is the margin of a run. Default: margin from the metrics in `until`."""
 
     def check(self, scenario: Scenario) -> None:
         """Raise `ScenarioError` for settings that are invalid for a scenario."""
@@ -81,7 +81,7 @@ class FalsifyQuestion(NamedTuple):
                 scenario.changed({each.key: as_value(scenario, each.key, each.at(end))})
 
     def overrides(self, scenario: Scenario, distances: tuple[float, ...]) -> dict[str, Any]:
-        """Return the overrides for the given distances of the varied keys."""
+        """Return the scenario overrides for the given distances of the varied keys from their mild values."""
         pairs = zip(self.varied, distances, strict=True)
         return {each.key: as_value(scenario, each.key, each.at(distance)) for each, distance in pairs}
 
@@ -107,7 +107,7 @@ class Combination(NamedTuple):
 
     @property
     def shown(self) -> str:
-        """Values as text in the form of overrides."""
+        """Values of the keys as text, in the form of overrides."""
         return ", ".join(f"{key}={value:g}" for key, value in self.values.items())
 
     @property
@@ -171,7 +171,7 @@ class FalsifySearch:
         return self._answer("falsified", best, by_key, tuple(around))
 
     def drive(self, places: Sequence[Place], seeds: int, noted: bool = True) -> list[Combination]:
-        """Simulate combinations with several seeds and return the results. The results are stored if `noted`."""
+        """Simulate combinations with several seeds and return the results, which are also stored if `noted`."""
         task = Task.of(self.scenario, measure=Rises(Closeness(self.q.until, self.q.score)))
         values = [self.q.overrides(self.scenario, place) for place in places]
         tasks = [
@@ -223,7 +223,7 @@ class FalsifySearch:
         )
 
     def _confirmed(self, failing: Sequence[Combination]) -> Combination:
-        """Return the smallest combination that also fails with more seeds, otherwise the last repeated combination."""
+        """Return the smallest combination that also fails with more seeds, or, if none fails, the last tested one."""
         for tried in [*failing[:: max(len(failing) // MOST_CONFIRMED, 1)], failing[-1]]:
             (sure,) = self.drive([tried.distances], CONFIRMED, noted=False)
             if sure.fails:

@@ -1,14 +1,14 @@
 """Fractions of a metric's variance with intervals and ranks, by regression or as Sobol indices.
 
-A draw is a random parameter of a sweep. Screening is a standardised linear regression of the metric on the ranks of all
-draws. Ranks make logarithmic ranges linear. The squared slope of a draw is the fraction of the variance that it
-explains linearly, which underestimates its importance. Variance that is neither linear nor noise of the seeds may
-belong to any draw through curvature or interactions. It is added to the upper end of every interval. Standard errors
-are HC3 [MacKinnonWhite1985], valid for residuals of unequal variance.
+Screening is a standardised linear regression of the metric on the ranks of all random parameters (draws) of a sweep.
+Ranks make logarithmic ranges linear. The squared slope of a parameter is the fraction of the variance that it explains
+linearly, which underestimates its importance. Variance that is neither linear nor noise of the seeds may belong to any
+parameter through curvature or interactions. It is added to the upper end of every interval. Standard errors are HC3
+[MacKinnonWhite1985], valid for residuals of unequal variance.
 
-Sobol indices [Saltelli2010] of a sweep with `method = "saltelli"` are computed by SALib. The first-order index of a
-draw is the fraction of the variance removed when its value is known. The total index is the fraction that remains while
-only this draw is unknown, including interactions. First-order indices sum to at most 1. Intervals are by bootstrap.
+Sobol indices [Saltelli2010] of a sweep with `method = "saltelli"` are computed by SALib, with bootstrap intervals. The
+first-order index of a parameter is the fraction of the variance removed when its value is known. The total index, with
+interactions, is the fraction that remains while only this parameter is unknown. First-order indices sum to at most 1.
 """
 
 from collections.abc import Sequence
@@ -48,9 +48,9 @@ class Influence(NamedTuple):
     group: str
     mean: float
     deviation: float
-    """Standard deviation of the seed means over the points of the design [unit of the metric]."""
+    """Standard deviation of the seed-averaged metric between the points of the design [unit of the metric]."""
     noise: float | None
-    """Fraction of the variance of the seed means that the seeds cause [-], or None with one seed."""
+    """Fraction of the variance of the seed-averaged metric that is due to the seeds [-], or None with one seed."""
     unexplained: float | None  # Maximum variance fraction not due to regression or noise [-], or None for Sobol
     flaws: tuple[str, ...]  # Reasons why the intervals are unreliable. In this case there is no ranking.
     shares: tuple[Share, ...]
@@ -69,8 +69,8 @@ class Influence(NamedTuple):
 def ranked(shares: Sequence[Share], trusted: bool) -> tuple[Share, ...]:
     """Return the fractions with their ranks, sorted by rank.
 
-    A parameter ranks above another parameter only if its interval is entirely above the other interval. If the
-    intervals are not `trusted`, all parameters have the same rank.
+    A parameter ranks above another parameter only if its interval is entirely above the other interval. If `trusted`
+    is False, all parameters have the same rank.
     """
     found = []
     for share in shares:
@@ -89,7 +89,7 @@ class Regression(NamedTuple):
 
 
 def screened(keys: Sequence[str], draws: Array, values: Array, noise: float) -> tuple[list[Share], float]:
-    """Return variance fractions by regression, and the maximum fraction that is neither linear nor noise."""
+    """Return variance fractions by regression, and the maximum fraction due neither to regression nor to seeds."""
     n, d = draws.shape
     ranks = rankdata(draws, axis=0)
     found = regression(_standard(ranks), _standard(values))

@@ -111,7 +111,7 @@ class Condition:
         return holds
 
     def _side(self, term: ast.expr) -> tuple[str, Callable[[Numbers], Any]]:
-        """Return kind ("outcome", "word", "metric", "number") and value function of one side of a comparison."""
+        """Return type ("outcome", "word", "metric", "number") and value function of one side of a comparison."""
         signed = isinstance(term, ast.UnaryOp) and isinstance(term.op, ast.USub | ast.UAdd)
         inner = term.operand if isinstance(term, ast.UnaryOp) and signed else term
         if isinstance(inner, ast.Constant) and type(inner.value) in (int, float):
@@ -146,7 +146,7 @@ def _present(numbers: Numbers, name: str) -> Any:
 
 
 def name_of(term: ast.expr) -> str | None:
-    """Return the name in a term, with dots for nested metrics. Return None for a term other than a name."""
+    """Return the name in a term, with dots for nested metrics, or None for a term that is not a name."""
     if isinstance(term, ast.Name):
         return term.id
     if isinstance(term, ast.Attribute):

@@ -1,12 +1,12 @@
-"""Search for the limit of a guidance law along one key, over several seeds.
+"""Search for the value of one key at which a guidance law begins to fail, with several seeds.
 
 A law *holds* at a value if the lower end of the sequential interval [Robbins1970] of its success rate is at least the
 required reliability. It *fails* if the upper end is below. Runs are added until one of these is true or all seeds are
 used. In the latter case the success rate decides, and the value is uncertain. If seeds have no effect, one run decides.
 
-First, the search evaluates equidistant values, from the end of the range at which the law should hold. Then it bisects
-the first change from holding to failing. Both values next to the change get more runs, which may shift the change.
-Other results are reported: the law holds again at farther values, never fails, or fails at the start.
+First, the search evaluates equidistant values, starting at the end of the range where the law should hold. Then it
+bisects the first change from holding to failing. Both values next to the change get more runs, which may shift the
+change. The result also states whether the law holds again at farther values, never fails, or fails at the start.
 """
 
 from collections import Counter
@@ -43,7 +43,7 @@ from agrobot_mj.studies.style import PANEL_WIDTH_IN, SPARE_COLOURS, write_figure
 
 SCANNED = 5  # Number of equidistant values evaluated before the bisection
 SHOWN_RUNS = 12
-"""Minimum number of runs at both values next to the limit. It is sufficient for certainty with default settings."""
+"""Minimum number of runs at both values next to the limit, sufficient for certainty with default settings."""
 Numbers = Mapping[str, Any]
 
 
@@ -56,7 +56,7 @@ def find_limit(
     done: Callable[[Tried], object],
     beside: Mapping[str, Any] | None = None,
 ) -> Found:
-    """Search for the limit of one law. `done` is called with each evaluated value.
+    """Search for the value of the key at which one law begins to fail. `done` receives the results at each value.
 
     `beside` contains the overrides of a baseline without the fault or disturbance, which is searched in the same way.
     Raises `ScenarioError` for invalid overrides.
@@ -71,7 +71,7 @@ def find_limit(
 def _beside(
     found: Found, sound: Scenario, q: Question, condition: Condition, do: RunTasks, overrides: dict[str, Any]
 ) -> Counterpart:
-    """Return the result of the baseline. A baseline that lacks or sets the varied key is only simulated."""
+    """Return the result of the baseline. A baseline that lacks or sets the varied key is simulated without a search."""
     if searchable(sound, q, overrides):
         tried = _Search(sound, q, condition, do, lambda tried: None).run()
         return answer_beside(found, q, answer(found.law, q, tried), overrides)
@@ -101,7 +101,7 @@ class _Search:
         self.runs, self.tried = dict[float, list[Numbers]](), dict[float, Tried]()
 
     def run(self) -> tuple[Tried, ...]:
-        """Search for the limit. Return all evaluated values, ordered from the start of the range."""
+        """Search for the limit. Return the results at all evaluated values, ordered from the start of the range."""
         for k in range(SCANNED):
             self._try(self._value(self.q.start + (self.q.stop - self.q.start) * k / (SCANNED - 1)))
         while self._goes_on():
@@ -114,9 +114,9 @@ class _Search:
         return tuple(sorted(self.tried.values(), key=lambda tried: abs(tried.value - self.q.start)))
 
     def _goes_on(self) -> bool:
-        """Continue the search and return whether something was evaluated.
+        """Continue the search and return whether runs were added.
 
-        The search evaluates a value between last success and first failure, or adds runs at both.
+        The search evaluates a value between the last success and the first failure, or adds runs at both values.
         """
         tried = self.in_order
         change = next(((a, b) for a, b in pairwise(tried) if a.holds and not b.holds), None)
@@ -159,7 +159,7 @@ def _driven(scenario: Scenario, overrides: dict[str, Any], first: int, count: in
 
 
 def judge(value: float, runs: Sequence[Numbers], q: Question, condition: Condition) -> Tried:
-    """Return the results of the runs at one value of the key. Identical runs count once."""
+    """Return the results of the runs at one value of the key. Identical results of all seeds count as one run."""
     independent = not _copies(runs)
     counted = runs if independent else runs[:1]
     failed, n = sum(condition.fails(run) for run in counted), len(counted)
@@ -188,7 +188,7 @@ def _copies(runs: Sequence[Numbers]) -> bool:
 
 
 def _values(name: str, runs: Sequence[Numbers]) -> list[float]:
-    """Return the available values of a metric. Runs without valid tracking errors are omitted for tracking errors."""
+    """Return the available values of a metric. For a tracking error, runs without valid errors are omitted."""
     if is_error(name):
         return [value for run in runs if (value := error_of(run, name)) is not None]
     return [float(run[name]) for run in runs if run.get(name) is not None]
@@ -219,7 +219,7 @@ def limit(
     begin: Callable[[list[Scenario]], object] = lambda ends: None,
     beside: Mapping[str, Any] | None = None,
 ) -> list[Found]:
-    """Search for the limit of each guidance kind. Write the results and the rows of all runs to `folder`."""
+    """Search for the key value at which each law begins to fail. Write the results and all rows to `folder`."""
     scenarios = laws(scenario, kinds)
     condition = check(question, scenarios)
     for each in scenarios.values():

@@ -71,7 +71,7 @@ def risk(
 
 
 def answer(scenario: Scenario, q: RiskQuestion, done: Sequence[Population]) -> Risk:
-    """Return the risk estimate from finished splittings."""
+    """Return the risk estimate from completed splitting runs."""
     splits = tuple(each.split for each in done if each.split)
     found, runs, worth = estimate(splits, q.particles), [run for each in done for run in each.runs], worth_of(done)
     driven = f"{len(runs):,} runs with the duration of {worth:,.0f} complete ones"
@@ -98,7 +98,7 @@ def worth_of(done: Sequence[Population]) -> float:
 
 
 def content(scenario: Scenario, q: RiskQuestion, found: Risk) -> dict[str, Any]:
-    """Return the content of `risk.json`: settings, result, splittings, and seed and branches of a failed run."""
+    """Return the content of `risk.json`: settings, result, splitting runs, and seed and branches of a failed run."""
     failures = [found.failure] if found.failure else []
     return {
         **about(scenario),
@@ -117,9 +117,9 @@ def content(scenario: Scenario, q: RiskQuestion, found: Risk) -> dict[str, Any]:
 def figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: str | None) -> Figure:
     """Return a figure of the probability of exceeding each level of the margin, and of the trajectories of two runs.
 
-    Thin lines are splittings, the thick line is their mean, and the dashed line is the failure probability. Levels are
-    extrapolated margins or values of `score`. They differ from the margins in the other panel, and a level above 0 is
-    not necessarily a failure.
+    Thin lines are splitting runs, the thick line is their mean, and the dashed line is the failure probability. Levels
+    are extrapolated margins or values of `score`. They differ from the margins in the other panel, and a level above 0
+    is not necessarily a failure.
     """
     drawn, chances, _ = courses_figure(courses, ("a run", "a failure"))
     levels, mean = _mean(splits)
@@ -137,13 +137,13 @@ def figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: st
 
 
 def _mean(splits: Sequence[Split]) -> tuple[Array, Array]:
-    """Return the levels exceeded in at least one splitting, and the mean probability of exceeding each level."""
+    """Return the levels exceeded in at least one splitting run, and the mean probability of exceeding each level."""
     levels = np.unique([level for split in splits for level, _ in split.trace])
     mean = np.mean([_chances(split, levels) for split in splits], axis=0)
     return levels[mean > 0], mean[mean > 0]
 
 
 def _chances(split: Split, levels: Array) -> Array:
-    """Return the probability of exceeding each level, estimated by one splitting."""
+    """Return the probability of exceeding each margin level, estimated by one splitting run."""
     own, weights = np.array([(-np.inf, 1.0), *split.trace]).T
     return np.asarray(weights[np.searchsorted(own, levels, side="right") - 1])

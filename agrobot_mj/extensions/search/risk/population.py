@@ -1,4 +1,4 @@
-"""Runs of a splitting. A run is identified by its seed and branches, and is simulated by the engine of all studies."""
+"""Simulated runs for splitting, each identified by its seed and branches and simulated by the engine of all studies."""
 
 from collections.abc import Callable, Generator, Sequence
 from math import inf
@@ -15,11 +15,12 @@ from agrobot_mj.studies import Row, RunTasks, Task
 from agrobot_mj.studies.engine.tasks import ERROR
 
 AHEAD_S = 1.0
-"""Time over which an increase of the margin is extrapolated [s]. Assumed value (0.5-2: from heading to position)."""
+"""Time over which an increase of the margin is extrapolated [s]. Assumed value (range 0.5-2): time in which a heading
+error causes a lateral offset."""
 
 
 class Run(NamedTuple):
-    """Simulated run of a splitting."""
+    """Simulated run that serves as a path of the splitting algorithm."""
 
     seed: int
     branches: tuple[Branch, ...]
@@ -39,12 +40,12 @@ class Run(NamedTuple):
 
     @property
     def begun(self) -> int:
-        """Number of ticks copied from a stored state of another run instead of being simulated."""
+        """Number of ticks taken over from another run by restoring its stored state instead of simulating."""
         return self.branches[-1].tick // EVERY * EVERY if self.branches else 0
 
 
 class Population:
-    """Runs of one splitting. The random numbers depend on the scenario seed and the number of the splitting."""
+    """Simulated runs of one splitting run. Their random numbers depend on the scenario seed and on `number`."""
 
     def __init__(self, scenario: Scenario, q: RiskQuestion, number: int) -> None:
         self.number, self.runs = number, list[Run]()
@@ -71,7 +72,7 @@ class Population:
         return parent.seed, (*before, Branch(tick, self.number << 32 | self._branched))
 
     def take(self, driven: Sequence[Run]) -> None:
-        """Continue with simulated runs, in the requested order. Then `split` is set or `due` has further runs."""
+        """Continue splitting with simulated runs, in the requested order. Update `due`, or set `split` at the end."""
         self.runs += driven
         fresh = iter(driven)
         try:
@@ -83,7 +84,7 @@ class Population:
 def populations(
     scenario: Scenario, q: RiskQuestion, condition: Condition, do: RunTasks, done: Callable[[Population], object]
 ) -> list[Population]:
-    """Return all finished splittings. They advance together, so that many runs can be simulated in parallel.
+    """Return all splitting runs after their end. They advance together, so that many runs can be simulated in parallel.
 
     Raises `ScenarioError` if every initial run raises an error, which is not a failure of the tractor.
     """

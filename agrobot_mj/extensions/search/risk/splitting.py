@@ -35,18 +35,18 @@ Wanted = tuple[P | None, float]
 
 
 class Split(NamedTuple):
-    """Result of one splitting."""
+    """Result of one splitting run, that is one estimate of the failure probability."""
 
     probability: float  # Unbiased estimate of the probability of failure [-]
     weight: float  # Product of the surviving fractions of all rounds [-]
     failed: int  # Number of failed paths among the paths that reached the last level
     trace: tuple[tuple[float, float], ...]
-    """Level of each round, and weight after the round: estimated probability of exceeding the level [-]."""
+    """Level of each round and weight after the round, which estimates the probability of exceeding the level [-]."""
     paths: int  # Number of simulated paths, including the initial ones
 
 
 def split(n: int, worst: int, least: float, random: Random) -> Generator[list[Wanted[P]], list[P], Split]:
-    """Split n paths and drop at least `worst` paths per round, until fewer than `worst` paths have not failed.
+    """Split n paths and drop at least `worst` paths per round, until more than n - `worst` paths have failed.
 
     Yields the paths to simulate and receives the simulated paths in the same order. The splitting also ends if no path
     survives or if the weight is below `least`.
@@ -79,7 +79,7 @@ class RiskQuestion(NamedTuple):
     particles: int = 50  # Number of runs that are split together
     repeats: int = 10  # Number of independent splittings. The interval follows from their spread.
     score: str | None = None
-    """Signal whose magnitude is the margin of a run. Default: the margin is computed from the metrics in `until`."""
+    """Signal whose maximum magnitude is the margin of a run. Default: margin from the metrics in `until`."""
     least: float = 1e-6  # Weight below which a splitting ends [-]
 
     @property
@@ -105,10 +105,10 @@ class RiskEstimate(NamedTuple):
 
 
 def estimate(splits: Sequence[Split], particles: int) -> RiskEstimate:
-    """Return the mean of independent splittings with its interval.
+    """Return the mean of independent splitting runs with its interval.
 
-    If no splitting was necessary, the interval is Wilson's. Without failures, the upper end is the upper end of
-    Wilson's interval for the runs of the last rounds, multiplied by the weight of these runs.
+    If no splitting was necessary, the interval is a Wilson interval. Without failures, the upper end is that of the
+    Wilson interval for the runs of the last rounds, multiplied by the weight of these runs.
     """
     n, found = len(splits), mean_of([split.probability for split in splits])
     if not any(split.trace for split in splits):
@@ -122,7 +122,7 @@ def estimate(splits: Sequence[Split], particles: int) -> RiskEstimate:
 
 
 def mean_of(values: Sequence[float]) -> RiskEstimate:
-    """Return the mean of independent estimates. Its interval is a Student t interval of the logarithm."""
+    """Return the mean of independent probability estimates. Its interval is a Student t interval of the logarithm."""
     from scipy.stats import t
 
     n, mean = len(values), fsum(values) / len(values)
