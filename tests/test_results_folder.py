@@ -246,7 +246,7 @@ def test_a_folder_in_place_of_a_file_is_reported_before_the_run(call, name):
     ours("signals.parquet")
     status, err = call("run", "circle", *QUICK)
     assert status == 2
-    assert f"out/{name}: is a folder" in err
+    assert f"out/{name} is a folder" in err
     assert Path("out/signals.parquet").read_text() == "old"
 
 

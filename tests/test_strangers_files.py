@@ -211,14 +211,14 @@ def test_empty_marker_file_permits_writing_to_a_results_folder(call, place):
     arguments = ("run", "circle", *BICYCLE, "--no-rrd", "--out", "old")
     status, _, err = call(*arguments)
     assert status == 2
-    command = err.strip().rpartition("of this one with: ")[2]
+    command = err.strip().rpartition("into this one with: ")[2]
     assert command == "touch old/.agrobot-mj"
     (place / "old" / MARK).touch()
     assert call(*arguments)[0] == 0
     assert json.loads((place / "old/metrics.json").read_text())["outcome"] == "completed"
     assert (place / "old/notes.txt").read_bytes() == b"mine"
     (place / "old/later.csv").write_text("mine")
-    with pytest.raises(ScenarioError, match=r"later.csv: was not written"):
+    with pytest.raises(ScenarioError, match=r"later.csv was not written"):
         write_json(place / "old/later.csv", {})
 
 

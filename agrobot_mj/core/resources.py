@@ -4,6 +4,7 @@ The folders `models/` and `scenarios/` are inside the package in an installed wh
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Literal, NoReturn
@@ -87,14 +88,13 @@ def stamped(name: str, kinds: Sequence[str], most_bytes: int) -> Stamp:
     return stamp(name) or refuse(path, "the file no longer exists; create it again")
 
 
-def absence(path: Path, fix: str = "specify a file") -> str:
-    """Return the reason why a path is not a regular file, and the `fix` if it is a folder, device or pipe."""
-    try:
+def absence(path: Path, fix: str = "") -> str:
+    """Return the reason why a path is no regular file: it is missing, or a folder, device or pipe; and the `fix`."""
+    reason = "no such file"
+    with suppress(OSError):  # as in `is_file`
         if path.exists():
-            return f"{'is a folder' if path.is_dir() else 'is not a regular file'}; {fix}"
-        return "no such file"
-    except OSError:  # as in `is_file`
-        return "no such file"
+            reason, fix = "is a folder" if path.is_dir() else "is not a regular file", fix or "specify a file"
+    return f"{reason}; {fix}" if fix else reason
 
 
 def folder_absence(path: Path) -> str:
