@@ -20,7 +20,8 @@ from agrobot_mj.core.table_columns import FieldLogError, Source, column_names, s
 from agrobot_mj.extensions.logs.checks import CHORD_S, SLIPPED, check_columns
 from agrobot_mj.extensions.logs.identify.fit import DELAY_S, Prior, VehicleFit, fit, priors
 from agrobot_mj.extensions.logs.identify.model import Chassis2
-from agrobot_mj.extensions.logs.identify.windows import PARAMETERS, WINDOW_S, VehicleData, enough, sensed
+from agrobot_mj.extensions.logs.identify.predictions import PARAMETERS, sensed
+from agrobot_mj.extensions.logs.identify.windows import WINDOW_S, VehicleData, enough
 from agrobot_mj.extensions.logs.maps import LogMap, SteerColumn, built_in
 from agrobot_mj.extensions.logs.pieces import (
     TWO_SPEEDS,

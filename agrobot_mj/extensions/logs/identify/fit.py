@@ -23,17 +23,8 @@ from scipy.optimize import OptimizeResult, least_squares
 from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.logs.identify.model import LateralMotion
-from agrobot_mj.extensions.logs.identify.windows import (
-    MASS_KG,
-    PARAMETERS,
-    SPEED_CUT_OFF_HZ,
-    WINDOW_S,
-    FitPiece,
-    VehicleData,
-    motion,
-    predictions,
-    smoothed,
-)
+from agrobot_mj.extensions.logs.identify.predictions import MASS_KG, PARAMETERS, dynamics_of, motion, predictions
+from agrobot_mj.extensions.logs.identify.windows import SPEED_CUT_OFF_HZ, WINDOW_S, FitPiece, VehicleData, smoothed
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 
 MEMORY_S = 0.4
@@ -111,7 +102,8 @@ class Problem:
 
     def __init__(self, data: VehicleData, names: Sequence[str], noise: Mapping[str, Autoregression]) -> None:
         self.data, self.names, self.noise = data, tuple(names), noise
-        self.dynamic = [k for k, name in enumerate(self.names) if name in data.dynamics]
+        dynamics = dynamics_of(data)
+        self.dynamic = [k for k, name in enumerate(self.names) if name in dynamics]
         # the Jacobian reuses a motion for all sensor parameters
         self.motions = lru_cache(maxsize=2)(self._motions)
         self.bases = {name: self._basis(name, list(found)) for name, found in self._freedoms()}

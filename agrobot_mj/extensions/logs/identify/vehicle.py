@@ -12,7 +12,8 @@ from agrobot_mj.core.table_columns import FieldLogError, Source
 from agrobot_mj.extensions.logs.checks import check_columns
 from agrobot_mj.extensions.logs.identify.fit import Prior, VehicleFit, fit
 from agrobot_mj.extensions.logs.identify.model import Chassis2, understeer_gradient
-from agrobot_mj.extensions.logs.identify.windows import Channels, VehicleData, enough, predictions, prepare
+from agrobot_mj.extensions.logs.identify.predictions import Channels, predictions
+from agrobot_mj.extensions.logs.identify.windows import VehicleData, enough, prepare
 from agrobot_mj.extensions.logs.maps import LogMap
 from agrobot_mj.extensions.logs.pieces import read_pieces, split
 from agrobot_mj.extensions.logs.quantities import Found, Quantity, half_width
