@@ -110,12 +110,10 @@ def checked(name: str, kinds: Sequence[str], most_bytes: int) -> Path:
     path = library_file(name)
     known = f" ({', '.join(kinds)})" if kinds else ""
     try:
-        if path.is_dir():
-            refuse(path, f"is a folder; specify a file{known}")
         if not path.exists():
             refuse(path, f"no such file in {path.parent.absolute()}; specify the path relative to the scenario file")
         if not path.is_file():
-            refuse(path, f"is not a regular file; specify a file{known}")
+            refuse(path, absence(path, f"specify a file{known}"))
         size = path.stat().st_size
     except (OSError, RuntimeError) as error:
         refuse(path, f"cannot be read: {getattr(error, 'strerror', None) or error}; choose another file")

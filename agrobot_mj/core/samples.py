@@ -71,7 +71,7 @@ def offset_at(samples: Matrix, k: int, x: float, y: float) -> float:
 
 @jit
 def nearest_point(samples: Matrix, x: float, y: float, near: float, low: float, high: float) -> PathPoint:
-    """Return the path point nearest to (x, y) [m], near the arc length `near` [m] and between `low` and `high` [m]."""
+    """Return the path point nearest to (x, y), searched around the arc length `near` from `low` to `high` [m]."""
     near = min(max(near, low), high)
     k, inside = found_nearest(samples, x, y, near, low, high, WINDOW_M)
     a = _sample_at(samples, k)

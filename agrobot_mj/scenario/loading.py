@@ -44,7 +44,7 @@ def find_file(source: str | FilePath, noun: str, shipped: Mapping[str, FilePath]
     """
     path = FilePath(source)
     if path.is_dir():
-        raise ScenarioError(f"{path}: is a folder; specify a {noun} file{folder}")
+        raise ScenarioError(f"{path}: {absence(path, f'specify a {noun} file{folder}')}")
     if path.is_file():
         return path
     if str(source) in shipped:

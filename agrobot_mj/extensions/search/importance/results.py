@@ -52,7 +52,7 @@ def _cells(share: Share, trusted: bool) -> list[str]:
 
 
 def importance_text(found: Sequence[Influence], metric: str) -> str:
-    """Return sentences about the conclusions that the samples support in each group."""
+    """Return sentences about the ranking of the parameters in each group of runs and its uncertainty."""
     return "\n".join(influence_text(each, metric, f"{each.group}: " if len(found) > 1 else "") for each in found)
 
 
