@@ -38,11 +38,14 @@ def play(
     from agrobot_mj.extensions.play.session import drivable
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.progress import elapsed
+    from agrobot_mj.simulation.results import check_folder
+    from agrobot_mj.simulation.storage import files_of_run
     from agrobot_mj.studies.engine.workers import compiling_beside
 
     scenario = load_scenario(source, overrides(sets))
     said = print_hints([scenario], quiet)
     folder = results_folder(out, f"{scenario.name}-play-{scenario.hash8}")
+    check_folder(folder, files_of_run(scenario))
 
     def tell(text: str) -> None:
         if not quiet:
@@ -60,7 +63,7 @@ def play(
     with ExitStack() as waiting, stop_on_signals() as stopped, redirect_stdout(io.StringIO()):
         waiting.enter_context(compiling_beside(scenario))
         waiting.enter_context(elapsed(f"{scenario.name}: placing the tractor", quiet))
-        drives = drive(driven, folder, options, lambda: bool(stopped), ready)
+        drives = drive(driven, folder, options, stopped, ready)
     rows = [
         {"folder": str(place), "outcome": log.outcome, "duration_s": log.scenario.duration_s} for place, log in drives
     ]

@@ -16,13 +16,15 @@ STALE_S = 0.4
 
 
 class Keys(NamedTuple):
-    """Pressed driving keys, and the time `seen` at which the key message was received [s]."""
+    """Pressed driving keys with the state of a gamepad, and the time `seen` at which the message was received [s]."""
 
     left: bool = False
     right: bool = False
     faster: bool = False
     slower: bool = False
     seen: float = -1e9
+    stick: float = 0.0  # Deflection of the steering stick from -1 (right) to 1 (left), or 0 if released [-]
+    pedal: float = 0.0  # Accelerating minus decelerating trigger, from -1 to 1 [-]
 
     def at(self, now: float) -> "Keys":
         """Return the pressed keys at time `now` [s]. No key is pressed if the last message is older than `STALE_S`."""
@@ -34,9 +36,9 @@ class Keys(NamedTuple):
         return int(self.left) - int(self.right)
 
     @property
-    def driving(self) -> int:
-        """Speed change due to the pressed keys: 1 for faster, -1 for slower, 0 for none."""
-        return int(self.faster) - int(self.slower)
+    def driving(self) -> float:
+        """Speed change due to keys and triggers, from -1 (slower) to 1 (faster)."""
+        return min(max(int(self.faster) - int(self.slower) + self.pedal, -1.0), 1.0)
 
 
 class PlayDriver:
@@ -88,15 +90,17 @@ class PlayDriver:
 
     def tick(self, keys: Keys) -> None:
         """Apply the pressed keys and advance the session by one tick."""
-        if keys.steering or keys.driving:
+        limit = self.session.base.tractor.steer_limit
+        if keys.steering or keys.driving or keys.stick:
             self.take_over()
-        if keys.steering:
+        if keys.stick:
+            self.angle, self.centring = keys.stick * limit, True
+        elif keys.steering:
             self.centring = True
             self.angle += keys.steering * STEER_RATE * TICK_S
         elif self.centring:
             back = STEER_RATE * TICK_S
             self.angle -= min(max(self.angle, -back), back)
-        limit = self.session.base.tractor.steer_limit
         self.angle = min(max(self.angle, -limit), limit)
         self.speed = _within(self.speed + keys.driving * ACCELERATION_M_S2 * TICK_S)
         session, law = self.session, self.law

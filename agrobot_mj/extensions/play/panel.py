@@ -15,6 +15,7 @@ from mujoco.studio.implot import implot
 
 from agrobot_mj.extensions.play.adjustments import ADJUSTMENTS, STEEPEST_DEG, NextStart
 from agrobot_mj.extensions.play.driver import FASTEST_M_S, REVERSE_M_S, Keys
+from agrobot_mj.extensions.play.gamepad import Gamepad
 from agrobot_mj.machine.tyre_size import LEAST_BAR, MOST_BAR
 
 KEY = imgui.Key
@@ -44,7 +45,7 @@ HELP = (
 )
 WIDTH, TALLEST, MARGIN = 300.0, 780.0, 10.0
 """Width and maximum height of the panel, and its distance from the page border [pixels]."""
-CURVE_SHARE, CURVE_LEAST = 0.24, 180.0
+CURVE_SHARE, CURVE_LEAST = 0.24, 145.0
 """Height of the curve plots divided by the page height [-], and minimum height of the plots [pixels]."""
 LABEL = 125.0  # Width of the sliders in the panel [pixels]
 SHOWN_S = 20.0  # Duration of the signals shown by the curves [s]
@@ -108,9 +109,9 @@ class PlayStatus(messages.Snapshot):  # type: ignore[misc, unused-ignore]
 class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
     """Panel of an interactive drive, with keys, sliders and curves."""
 
-    def __init__(self, aim: Any) -> None:
-        """Create the panel. The function `aim` points a camera at the tractor."""
-        self.aim, self.status, self.fault = aim, PlayStatus(), 0
+    def __init__(self, aim: Any, pad: Gamepad) -> None:
+        """Create the panel. The function `aim` points a camera at the tractor; `pad` is the gamepad of the page."""
+        self.aim, self.pad, self.status, self.fault = aim, pad, PlayStatus(), 0
         self.edited: dict[str, float] = {}
         """Values of sliders that the driver is dragging, and of sliders whose values apply at a restart."""
         self.tyre: int | None = None
@@ -129,7 +130,7 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
 
     @messages.handler
     def on_build_gui(self, _: messages.BuildGuiEvent) -> None:
-        """Read the keys, and draw the panel and the curves."""
+        """Read the keys and the gamepad, and draw the panel and the curves."""
         self._keys()
         self._panel()
         self._curves()
@@ -139,10 +140,12 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
         self.viewer.send_to_sim(Press(name, value, text))
 
     def _keys(self) -> None:
+        for name in self.pad.pressed():
+            self._act(name)
         if imgui.IsAnyItemActive():  # a slider may be edited as text
             return
         held = {name: any(imgui.IsKeyDown(key) for key in keys) for name, keys in HELD.items()}
-        self.viewer.send_to_sim(HeldKeys(Keys(**held, seen=time.monotonic())))
+        self.viewer.send_to_sim(HeldKeys(self.pad.added_to(Keys(**held, seen=time.monotonic()))))
         for name, key in PRESSED.items():
             if imgui.IsKeyPressed(key, False):
                 self._act(name)

@@ -3,7 +3,7 @@ drive."""
 
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from math import degrees, radians
@@ -25,12 +25,13 @@ from agrobot_mj.extensions.play.adjustments import (
     tyre_kinds,
 )
 from agrobot_mj.extensions.play.driver import Keys, PlayDriver
+from agrobot_mj.extensions.play.gamepad import Gamepad
 from agrobot_mj.extensions.play.panel import SHOWN_S, DrivePanel, HeldKeys, PlayStatus, Press, Restart
 from agrobot_mj.extensions.play.session import PlaySession
 from agrobot_mj.extensions.play.view import PlayView
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
-from agrobot_mj.simulation.results import results
+from agrobot_mj.simulation.results import check_folder, results
 from agrobot_mj.simulation.storage import RECORDING, files_of_run, write_log
 
 SHOW_S = 0.04  # Maximum time between two message exchanges with the viewer [s]
@@ -197,13 +198,12 @@ def play(
 
     def keep(session: PlaySession, last: bool = False) -> None:
         if session.ticks and (session.driven or (last and not kept)):
-            place = folder if not kept else folder.with_name(f"{folder.name}-{len(kept) + 1}")
+            place = folder if not kept else _free(folder, len(kept) + 1, files_of_run(scenario))
             kept.append((place, save(session, place, options.recorded)))
 
-    game, inbox = Play(scenario, keep), Inbox()
-    handle, viewer = web.launch(
-        options.port, options.network, [DrivePanel(lambda camera: game.view.aim(camera))], [inbox]
-    )
+    game, inbox, pad = Play(scenario, keep), Inbox(), Gamepad()
+    panel = DrivePanel(lambda camera: game.view.aim(camera), pad)
+    handle, viewer = web.launch(options.port, options.network, [panel], [inbox], pad)
     try:
         ready(f"http://{web.LOOPBACK}:{viewer.port}/")
         _loop(game, inbox, handle, viewer, options, should_stop)
@@ -212,6 +212,16 @@ def play(
     keep(game.session, last=True)
     closing.join(CLOSE_S)
     return kept
+
+
+def _free(folder: Path, number: int, names: Sequence[str]) -> Path:
+    """Return the first folder `folder`-`number`, `folder`-`number + 1` and so on that accepts the files of a run."""
+    while True:
+        place = folder.with_name(f"{folder.name}-{number}")
+        with suppress(ScenarioError):
+            check_folder(place, names)
+            return place
+        number += 1
 
 
 def _loop(

@@ -15,12 +15,16 @@ from typing import Any
 from mujoco.studio import endpoints, launch_thread, viewer_handle, viewer_protocol, web_viewer
 from mujoco.studio.web import web_server
 from websockets.asyncio.server import ServerConnection
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.extensions.play.gamepad import SCRIPT, SOCKET, Gamepad
 
 LOOPBACK, EVERYWHERE = "127.0.0.1", "::"
 START_S = 20.0  # Maximum start-up time of the viewer [s]. Assumed value, sufficient for a busy computer.
 SERVE = web_server.serve  # Function of MuJoCo Studio that starts its server. The server accepts pages of any site.
+PAGES = ("/", "/index.html")  # URL paths of the page
 STATE = "/state"  # URL path of the stream of poses, to which each page that shows the tractor is connected
 
 
@@ -30,6 +34,11 @@ class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
     address = LOOPBACK
     clients = 0
     """Number of browser pages that currently display the tractor."""
+
+    def __init__(self, *given: Any, pad: Gamepad, **options: Any) -> None:
+        """Start the server. Messages about a gamepad are passed to `pad`."""
+        self.pad = pad
+        super().__init__(*given, **options)
 
     @property
     def _host(self) -> str:
@@ -51,22 +60,45 @@ class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
         super()._start_server()
 
     def _serve(self, handler: Callable[[ServerConnection], Awaitable[None]], **options: Any) -> Any:
-        """Start the server of MuJoCo Studio with a handler that counts the connected pages."""
+        """Start the server of MuJoCo Studio. Count the connected pages, and add the gamepad to the page."""
+        respond: Callable[[ServerConnection, Request], Response | None] = options.pop("process_request")
 
-        async def counted(connection: ServerConnection) -> None:
-            shows = connection.request is not None and connection.request.path.startswith(STATE)
+        async def handle(connection: ServerConnection) -> None:
+            path = connection.request.path if connection.request is not None else ""
+            if path == SOCKET:
+                with suppress(ConnectionClosed):
+                    async for text in connection:
+                        self.pad.receive(text)
+                return
+            shows = path.startswith(STATE)
             self.clients += shows
             try:
                 await handler(connection)
             finally:
                 self.clients -= shows
 
-        return SERVE(counted, origins=self.origins, **options)
+        def answer(connection: ServerConnection, request: Request) -> Response | None:
+            if request.path == SOCKET:
+                return None
+            response = respond(connection, request)
+            if response is None or response.status_code != 200 or request.path.partition("?")[0] not in PAGES:
+                return response
+            return _with_gamepad(response)
+
+        return SERVE(handle, origins=self.origins, process_request=answer, **options)
 
     @property
     def origins(self) -> list[str] | None:
         """Sites whose pages may connect to the server, or None for all sites."""
         return [f"http://{name}:{self.port}" for name in (LOOPBACK, "localhost")]
+
+
+def _with_gamepad(page: Response) -> Response:
+    """Return the page with the script that reads a gamepad."""
+    page.body = page.body.replace(b"</body>", SCRIPT.encode() + b"</body>")
+    del page.headers["Content-Length"]
+    page.headers["Content-Length"] = str(len(page.body))
+    return page
 
 
 class NetworkViewer(PlayViewer):
@@ -77,9 +109,9 @@ class NetworkViewer(PlayViewer):
 
 
 def launch(
-    port: int, network: bool, viewer_plugins: Sequence[Any], sim_plugins: Sequence[Any]
+    port: int, network: bool, viewer_plugins: Sequence[Any], sim_plugins: Sequence[Any], pad: Gamepad
 ) -> tuple[Any, PlayViewer]:
-    """Start the viewer in a thread. Return the handle of the thread, and the viewer.
+    """Start the viewer in a thread. Return the handle of the thread, and the viewer. `pad` receives gamepad messages.
 
     Raise `ScenarioError` if the port is in use or the viewer does not start.
     """
@@ -89,7 +121,7 @@ def launch(
     def serve(endpoint: endpoints.ViewerEndpoint) -> None:
         config = viewer_protocol.ViewerConfig(title="agrobot-mj play", gfx="web", http_port=port)
         try:
-            found.append(kind(config, endpoint, plugins=list(viewer_plugins)))
+            found.append(kind(config, endpoint, plugins=list(viewer_plugins), pad=pad))
         finally:
             started.set()
         viewer_protocol.run_viewer_loop(found[0])

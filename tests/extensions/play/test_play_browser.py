@@ -67,3 +67,30 @@ def test_browser_keys_can_steer_select_laws_and_cause_a_rollover(game):
         browser.key("ArrowRight", True)
         until(lambda: sim.done)
     assert sim.outcome == "rolled_over"
+
+
+PAD = """
+const buttons = Array.from({length: 16}, () => ({value: 0, pressed: false}));
+window.pad = {mapping: "standard", axes: [0, 0, 0, 0], buttons};
+navigator.getGamepads = () => [null, window.pad];
+dispatchEvent(new Event("gamepadconnected"));
+"""
+
+
+@needs_browser
+@pytest.mark.slow
+def test_gamepad_in_the_browser_steers_and_selects_a_law(game):
+    drive: Play
+    drive, page = game({})
+    with Browser((640, 400)) as browser:
+        browser.open(page)
+        until(lambda: drive.session.ticks)
+        browser.ask("Runtime.evaluate", expression=PAD)
+        browser.ask("Runtime.evaluate", expression="pad.axes[0] = -0.5; pad.buttons[7].value = 1")
+        until(lambda: drive.driver.speed > 0.6)
+        assert drive.driver.angle == pytest.approx(0.5 * drive.session.base.tractor.steer_limit)
+        browser.ask("Runtime.evaluate", expression="pad.axes[0] = 0; pad.buttons[7].value = 0")
+        browser.ask("Runtime.evaluate", expression="pad.buttons[0].pressed = true")
+        until(lambda: drive.session.given.law == 1)
+        browser.ask("Runtime.evaluate", expression="pad.axes[0] = 0.9")
+        until(lambda: drive.session.given.law == 0 and drive.driver.angle < 0.0)

@@ -7,6 +7,7 @@ import pytest
 from agrobot_mj.core.errors import CommandError, ScenarioError
 from agrobot_mj.extensions.play.adjustments import ADJUSTMENTS, NextStart, fault_kinds, restarted
 from agrobot_mj.extensions.play.driver import Keys, PlayDriver
+from agrobot_mj.extensions.play.gamepad import Gamepad
 from agrobot_mj.extensions.play.play import save
 from agrobot_mj.extensions.play.session import PlaySession
 from agrobot_mj.scenario.loading import load_scenario
@@ -259,6 +260,28 @@ def test_key_press_switches_from_the_guidance_law_to_manual_steering(session):
     assert session.given.law == 1
     driver.tick(Keys(right=True))
     assert session.given.law == 0
+
+
+def test_stick_sets_the_steering_angle_and_triggers_change_the_speed(session):
+    driver, limit = PlayDriver(session), session.base.tractor.steer_limit
+    driver.hand_over(1)
+    for _ in range(20):
+        driver.tick(Keys(stick=-0.5, pedal=0.5))
+    assert (driver.law, driver.angle, driver.speed) == (0, pytest.approx(-0.5 * limit), pytest.approx(0.5))
+    for _ in range(40):
+        driver.tick(Keys(faster=True, pedal=1.0))
+    assert (driver.angle, driver.speed) == (0.0, pytest.approx(2.5))
+
+
+def test_gamepad_state_is_ignored_when_it_is_invalid_or_old():
+    pad = Gamepad()
+    pad.receive('{"steer": 0.05, "drive": 7, "pressed": ["stop", "unknown"]}')
+    seen = pad.seen
+    for text in ("", "[]", "{}", b"\xff", '{"steer": NaN, "drive": 0, "pressed": []}', "[" * 5000, '{"steer": 1}'):
+        pad.receive(text)
+    assert (pad.steer, pad.drive, pad.pressed(), pad.pressed()) == (0.0, 1.0, ["stop"], [])
+    assert pad.added_to(Keys(left=True, seen=seen)) == Keys(left=True, seen=seen, pedal=1.0)
+    assert pad.added_to(Keys(seen=seen + 0.5)) == Keys(seen=seen + 0.5)
 
 
 def test_steering_keys_are_released_when_the_browser_connection_is_lost():

@@ -1,7 +1,6 @@
 """The page of `agrobot-mj play`: reachable from this machine alone, and ended by the command."""
 
 import json
-import multiprocessing
 import os
 import re
 import signal
@@ -18,11 +17,13 @@ from pathlib import Path
 from urllib.error import URLError
 
 import pytest
+from processes import Server
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.extensions.play import web
+from agrobot_mj.extensions.play.gamepad import SOCKET, Gamepad
 from agrobot_mj.extensions.play.play import PlayOptions, play
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run
@@ -30,10 +31,10 @@ from agrobot_mj.simulation.run import run
 LISTENING = "0A"
 
 
-def call_and_exit(name, arguments):
+def call_and_exit(name, *folders):
     """Call the undecorated test of this name in this process and end the process at once."""
     try:
-        globals()[name].__wrapped__(**arguments)
+        globals()[name].__wrapped__(*map(Path, folders))
     except BaseException:
         traceback.print_exc()
         sys.stderr.flush()
@@ -41,15 +42,17 @@ def call_and_exit(name, arguments):
     os._exit(0)
 
 
+SERVER = Server("test_play_web", "agrobot_mj.cli.runs", PYTHONPATH=os.pathsep.join(sys.path))
+
+
 def alone(test):
     """Run a test in a separate process: MuJoCo Studio crashes if a second viewer starts before the first has ended."""
 
     @wraps(test)
     def run_alone(**arguments):
-        child = multiprocessing.get_context("spawn").Process(target=call_and_exit, args=(test.__name__, arguments))
-        child.start()
-        child.join()
-        assert child.exitcode == 0
+        call = f"import sys, test_play_web; test_play_web.call_and_exit({test.__name__!r}, *sys.argv[1:])"
+        done = SERVER.python(Path.cwd(), "-c", call, *arguments.values())
+        assert done.returncode == 0, done.stderr
 
     return run_alone
 
@@ -85,10 +88,10 @@ def wait_for(port):
 
 
 @contextmanager
-def served(network=False):
+def served(network=False, pad=None):
     """A viewer without a model; yields its port and the addresses on which this process listens in addition."""
     before = listeners("self")
-    handle, viewer = web.launch(0, network, [], [])
+    handle, viewer = web.launch(0, network, [], [], pad or Gamepad())
     port = viewer.port
     try:
         wait_for(port)
@@ -128,12 +131,28 @@ def test_network_option_makes_the_server_listen_on_the_network():
 @alone
 def test_requests_from_pages_of_other_sites_are_rejected():
     with served() as (port, _):
-        for path in ("ui", "state", "drop"):
+        for path in ("ui", "state", "drop", "gamepad"):
             address = f"ws://127.0.0.1:{port}/{path}"
             with pytest.raises(InvalidStatus, match="403"):
                 connect(address, origin="http://example.org")
             with connect(address, origin=f"http://127.0.0.1:{port}"):
                 pass
+
+
+@alone
+def test_page_sends_the_state_of_a_gamepad_to_the_server():
+    pad = Gamepad()
+    with served(pad=pad) as (port, _):
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/") as page:
+            text = page.read().decode()
+        assert text.count("gamepadconnected") == 1
+        assert text.rstrip().endswith("</html>")
+        with connect(f"ws://127.0.0.1:{port}{SOCKET}", origin=f"http://127.0.0.1:{port}") as socket:
+            socket.send('{"steer": 0.5, "drive": -1.0, "pressed": ["law"]}')
+            until = time.monotonic() + 30
+            while not pad.steer and time.monotonic() < until:
+                time.sleep(0.01)
+    assert (pad.steer, pad.drive, pad.pressed()) == (0.5, -1.0, ["law"])
 
 
 @alone
@@ -143,7 +162,7 @@ def test_error_for_a_port_in_use_names_the_port():
         taken.listen()
         port = taken.getsockname()[1]
         with pytest.raises(ScenarioError, match=f"--port {port}: .*in use"):
-            web.launch(port, False, [], [])
+            web.launch(port, False, [], [], Gamepad())
 
 
 @alone
