@@ -121,6 +121,7 @@ def field_run(
 
     Writes the files of a run and coverage.json, coverage.geojson and coverage.png.
     """
+    from agrobot_mj.core.errors import ScenarioError
     from agrobot_mj.extensions.fields.boom import Boom
     from agrobot_mj.extensions.fields.crop_rows import crop_rows
     from agrobot_mj.extensions.fields.driving import FILES, drive
@@ -130,6 +131,8 @@ def field_run(
 
     given = overrides([*(sets or []), *([f"guidance.kind={guidance}"] if guidance is not None else [])])
     prices = _prices(price)
+    if (stored_file := file / PLAN_FILES[0]).is_file():
+        raise ScenarioError(f"{file}: is the folder of a plan; specify the boundary file, and --plan {stored_file}")
     field = _field(file, crs, name, quiet)
     stored = stored_plan(plan_file) if plan_file else None
     worked = width or (stored.width if stored else DEFAULT_WIDTH_M)

@@ -92,7 +92,7 @@ def drive(
 
             watchers.append(WorkRecording(folder / RECORDING, whole, lambda log: drove_of(log).coverage))
         with results(folder, (*files_of_run(scenario), *FILES)), stop_on_signals() as stopped:
-            interrupted = Interrupted(scenario, lambda: bool(stopped))
+            interrupted = Interrupted(scenario, stopped)
             if resume:
                 interrupted.load()
             log = run(scenario, tuple(watchers), ticks=interrupted.ticks)

@@ -14,9 +14,9 @@ from agrobot_mj.extensions.fields.boom import THIN_M, Boom, ImplementMotion, Tim
 from agrobot_mj.extensions.fields.coverage import FieldCoverage, areas, coverage, excursion, gaps
 from agrobot_mj.extensions.fields.crop_rows import CropRows, run_over
 from agrobot_mj.extensions.fields.effort import NO_PRICES, Prices, cost, effort
-from agrobot_mj.extensions.fields.operations import StraightPass, capacity, pass_to_pass, summary, turn_of
+from agrobot_mj.extensions.fields.operations import WorkedPass, capacity, pass_to_pass, summary, turn_of
 from agrobot_mj.extensions.fields.plan import Plan, PlannedPass
-from agrobot_mj.extensions.fields.planned import planned_coverage
+from agrobot_mj.extensions.fields.planned import planned_coverage, planned_motion
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine, implement_boxes, tractor_boxes
 from agrobot_mj.metrics import RunView
 from agrobot_mj.paths.track import Index
@@ -139,21 +139,14 @@ class FieldDrive:
             found.append(turn_of(boxes, (end.x[0], end.y[0], end.yaw[0]), t[rows], steer[rows]))
         return found
 
-    def lines(self) -> list[StraightPass]:
-        """Return the straight swaths on the body of the field, with the motion of the implement on each swath."""
-        if self.plan.angle_deg is None:
-            return []
-        angle = np.radians(self.plan.angle_deg)
-        along = float(np.cos(angle)), float(np.sin(angle))
-        x, y, _ = self.plan.course.joints()
-        distances = self.plan.course.distances()
-        found = []
-        for one, span in zip(self.plan.passes, self.spans(), strict=True):
-            if one.part == "body" and span is not None:
-                k = int(np.searchsorted(distances, one.start, "right")) - 1
-                planned = -along[1] * x[k] + along[0] * y[k]
-                found.append(StraightPass(along, self.motion.between(*span), float(planned)))
-        return found
+    def swaths(self) -> list[WorkedPass]:
+        """Return the swaths on the body of the field, with the motion of the implement on each swath."""
+        planned = planned_motion(self.plan)
+        return [
+            WorkedPass(planned.between(one.start, one.end), self.motion.between(*span))
+            for one, span in zip(self.plan.passes, self.spans(), strict=True)
+            if one.part == "body" and span is not None
+        ]
 
 
 def report(drive: FieldDrive) -> dict[str, Any]:
@@ -176,7 +169,7 @@ def report(drive: FieldDrive) -> dict[str, Any]:
         "working_distance_m": float(sum(_length(drive.motion, span) for span in drive.spans() if span)),
         "time_s": span,
         "capacity": capacity(by_part["field"]["reached_m2"], span, drive.plan.width, drive.rig.path.speed_m_s),
-        "accuracy": pass_to_pass(drive.lines(), drive.plan.width),
+        "accuracy": pass_to_pass(drive.swaths(), drive.plan.width - drive.plan.overlap),
         "effort": effort(log),
         "planned": areas(planned_coverage(drive.plan, drive.field, drive.body, drive.boom.sections)),
         "plan_warnings": list(drive.plan.warnings),

@@ -98,7 +98,8 @@ def plan_of_legs(name: str, legs: tuple[Leg, ...], rig: FieldMachine, sections: 
         pose = end_of(pose, own)
     if start is None:
         raise ValueError("the plan has no passes; export the passes as lines")
-    return Plan(name, rig.width, rig.behind, start, tuple(pieces), tuple(passes), rig.path.cusp_pause_s)
+    pause, overlap = rig.path.cusp_pause_s, rig.overlap
+    return Plan(name, rig.width, rig.behind, start, tuple(pieces), tuple(passes), pause, overlap=overlap)
 
 
 def _apart(pose: Pose, begin: Pose) -> bool:

@@ -14,47 +14,88 @@ import shapely
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.boom import ImplementMotion
 
-STATION_M = 0.1  # Distance between the points along a pass at which neighbouring passes are compared [m]
+STATION_M = 0.25  # Distance between the points along a pass at which neighbouring passes are compared [m]
+TOLERANCE = 0.1  # Maximum relative deviation of the distance between neighbouring passes from the planned spacing [-]
+PARALLEL = 0.98  # Minimum cosine of the angle between neighbouring passes [-]
 LEAST = 20  # Minimum number of points for a statistical result
 
 
-class StraightPass(NamedTuple):
-    """Planned straight swath with the implement motion on the swath."""
+class WorkedPass(NamedTuple):
+    """Planned swath with the motion of the implement on the swath."""
 
-    along: tuple[float, float]  # Unit vector in the direction of the swaths (east, north)
-    motion: ImplementMotion  # Motion of the working point of the implement while the implement works
-    planned: float  # Planned offset of the pass from the origin [m], to the left of the swath direction
+    planned: ImplementMotion  # Planned motion of the working point of the implement
+    motion: ImplementMotion  # Motion of the working point while the implement works
 
 
-def pass_to_pass(lines: Sequence[StraightPass], width: float) -> dict[str, Any]:
-    """Return the pass-to-pass errors of adjacent passes and the cross-track errors at the implement [m].
+class PassErrors(NamedTuple):
+    """Lateral errors of the implement at points along a planned swath; the arrays have shape (n,) or (n, 2)."""
 
-    Errors from fewer than `LEAST` points are None.
+    line: shapely.LineString  # Planned swath
+    points: Array  # Points on the planned swath [m], east and north
+    ahead: Array  # Unit vectors in the direction of the swath at these points
+    stations: Array  # Distances of the points from the start of the swath [m]
+    errors: Array  # Lateral errors at the points [m], positive to the left of the swath
+
+
+def pass_to_pass(passes: Sequence[WorkedPass], spacing: float) -> dict[str, Any]:
+    """Return the pass-to-pass errors of neighbouring passes and the cross-track errors at the implement [m].
+
+    Neighbours are parts of passes, straight or curved, at the distance `spacing` [m]. The error is the actual distance
+    minus the planned distance. Errors from fewer than `LEAST` points are None.
     """
-    ranked = sorted(((line.planned, *_errors(line)) for line in lines), key=lambda each: each[0])
-    differences = [np.empty(0)]
-    for k, (across, stations, errors) in enumerate(ranked):
-        for other, there, more in ranked[k + 1 :]:
-            if abs(other - across - width) < 0.01 * width:
-                _, a, b = np.intersect1d(stations, there, assume_unique=True, return_indices=True)
-                differences.append(more[b] - errors[a])
-    excess, own = np.concatenate(differences), np.concatenate([np.empty(0), *(errors for _, _, errors in ranked)])
+    found = [each for one in passes if (each := _errors(one)) is not None]
+    lines, excess = np.array([each.line for each in found]), list[Array]()
+    for k, one in enumerate(found):
+        near = shapely.dwithin(one.line, lines[k + 1 :], (1.0 + TOLERANCE) * spacing)
+        excess += [_excess(one, found[k + 1 + j], spacing) for j in np.flatnonzero(near)]
+    differences, own = (np.concatenate([np.empty(0), *parts]) for parts in (excess, [each.errors for each in found]))
     return {
-        "pass_to_pass_p95_m": _p95(excess),
-        "pass_to_pass_mean_m": float(excess.mean()) if excess.size >= LEAST else None,
+        "pass_to_pass_p95_m": _p95(differences),
+        "pass_to_pass_mean_m": float(differences.mean()) if differences.size >= LEAST else None,
         "cross_track_p95_m": _p95(own),
     }
 
 
-def _errors(line: StraightPass) -> tuple[Array, Array]:
-    """Return the indices of points spaced by STATION_M along a pass, and the lateral errors at these points [m],
-    positive to the left."""
-    (c, s), motion = line.along, line.motion
-    along, error = c * motion.x + s * motion.y, -s * motion.x + c * motion.y - line.planned
-    order = np.argsort(along)
-    low, high = along[order[0]], along[order[-1]]
-    stations = np.arange(np.ceil(low / STATION_M - 1e-9), np.floor(high / STATION_M + 1e-9) + 1)
-    return stations, np.interp(stations * STATION_M, along[order], error[order])
+def _errors(one: WorkedPass) -> PassErrors | None:
+    """Return the lateral errors on a pass, or None for a pass shorter than the distance of two points."""
+    line = shapely.LineString(np.column_stack((one.planned.x, one.planned.y)))
+    places = np.column_stack((one.motion.x, one.motion.y))
+    along = shapely.line_locate_point(line, shapely.points(places))
+    inside = (along > 0.0) & (along < line.length)  # points before and after the swath have no lateral error
+    along, places = along[inside], places[inside]
+    if along.size < 2 or np.ptp(along) < STATION_M:
+        return None
+    feet, ahead = _on(line, along)
+    aside = places - feet
+    errors, order = ahead[:, 0] * aside[:, 1] - ahead[:, 1] * aside[:, 0], np.argsort(along)
+    stations = np.arange(along.min(), along.max(), STATION_M)
+    points, ahead = _on(line, stations)
+    return PassErrors(line, points, ahead, stations, np.interp(stations, along[order], errors[order]))
+
+
+def _on(line: shapely.LineString, distances: Array) -> tuple[Array, Array]:
+    """Return points at `distances` [m] along a line and unit vectors of its direction, each of shape (n, 2)."""
+    corners = shapely.get_coordinates(line)
+    steps = np.diff(corners, axis=0)
+    lengths = np.hypot(*steps.T)
+    starts = np.concatenate(([0.0], np.cumsum(lengths)))
+    k = np.clip(np.searchsorted(starts, distances, "right") - 1, 0, len(lengths) - 1)
+    ahead = steps[k] / lengths[k, None]
+    return corners[k] + (distances - starts[k])[:, None] * ahead, ahead
+
+
+def _excess(one: PassErrors, other: PassErrors, spacing: float) -> Array:
+    """Return the excess distance [m] between two passes at the points where they are neighbours."""
+    along = shapely.line_locate_point(other.line, shapely.points(one.points))
+    feet, direction = _on(other.line, along)
+    towards = feet - one.points
+    left = one.ahead[:, 0] * towards[:, 1] - one.ahead[:, 1] * towards[:, 0]
+    beside = np.abs(np.abs(left) - spacing) < TOLERANCE * spacing
+    beside &= (along >= other.stations[0]) & (along <= other.stations[-1])
+    cosine = (one.ahead * direction).sum(axis=1)
+    beside &= np.abs(cosine) > PARALLEL
+    found: Array = np.sign(left) * (np.sign(cosine) * np.interp(along, other.stations, other.errors) - one.errors)
+    return found[beside]
 
 
 def _p95(values: Array) -> float | None:

@@ -85,7 +85,7 @@ def test_connection_to_a_distant_swath_follows_a_headland_lap():
 
 
 def test_planned_passes_are_numbered_in_driving_order():
-    plan = make_plan(RECTANGLE, machine(), Options(headlands=3))
+    plan = default_plan(RECTANGLE)
     assert [one.part for one in plan.passes] == ["headland"] * 3 + ["body"] * 8
     ends = np.array([(one.start, one.end) for one in plan.passes]).ravel()
     assert np.all(np.diff(ends) > -1e-9)
@@ -93,8 +93,7 @@ def test_planned_passes_are_numbered_in_driving_order():
 
 
 def test_skipping_passes_needs_no_more_reversals_than_driving_in_order():
-    rig = machine()
-    near, far = (make_plan(RECTANGLE, rig, Options(headlands=3, order=order)) for order in ("boustrophedon", "skip"))
+    near, far = default_plan(RECTANGLE), make_plan(RECTANGLE, machine(), Options(headlands=3, order="skip"))
     assert len(near.passes) == len(far.passes)
     assert sum(p.direction < 0 for p in far.pieces) <= sum(p.direction < 0 for p in near.pieces)
 
@@ -122,7 +121,7 @@ def test_machine_stays_inside_the_field_with_default_headlands(field, width):
     assert (plan.headlands > 2) == any("headland laps instead of 2" in warning for warning in plan.warnings)
 
 
-@pytest.mark.parametrize("headlands", [0, 1, 2])
+@pytest.mark.parametrize("headlands", [0, pytest.param(1, marks=pytest.mark.slow), 2])
 def test_error_for_too_shallow_a_headland_gives_the_required_depth(headlands):
     with pytest.raises(ScenarioError, match=f"--headlands {headlands}: .*use at least 3 laps \\(9 m\\)"):
         make_plan(RECTANGLE, machine(), Options(headlands=headlands))
@@ -183,7 +182,7 @@ def test_error_for_a_damaged_plan_file_names_the_file(tmp_path, text, reason):
 def test_planned_overlap_reduces_the_spacing_of_the_passes():
     rig = replace(machine(), overlap=0.2)
     plan = make_plan(RECTANGLE, rig, Options(headlands=3))
-    found, exact = planned(plan, RECTANGLE), planned(make_plan(RECTANGLE, machine(), Options(headlands=3)), RECTANGLE)
+    found, exact = planned(plan, RECTANGLE), planned(default_plan(RECTANGLE), RECTANGLE)
     assert plan.overlap == 0.2
     assert 4.0 < found["body"]["overlapped_percent"] - exact["body"]["overlapped_percent"] < 20.0
     assert found["field"]["missed_percent"] < exact["field"]["missed_percent"] + 0.05

@@ -59,6 +59,14 @@ def test_fields_page_documents_the_three_field_commands():
     assert [" ".join(words[:2]) for words in COMMANDS] == ["field plan", "field run", "report runs/field"]
 
 
+def test_field_run_on_the_folder_of_a_plan_is_rejected_with_the_option(tmp_path, call):
+    """A plan has the coordinates of its boundary file, which its folder does not contain."""
+    assert call("field", "plan", boundary(tmp_path), "--overlap", "0.4", "--out", "planned")[0] == 0
+    status, _, err = call("field", "run", "planned")
+    assert status == 2
+    assert "specify the boundary file, and --plan planned/field_plan.json" in err
+
+
 def test_simulated_field_run_covers_the_field(driven):
     found = json.loads((driven / "runs" / "field" / "coverage.json").read_text())
     whole = found["areas"]["field"]

@@ -1,0 +1,64 @@
+"""Pass-to-pass errors of straight and curved swaths with known lateral errors."""
+
+import numpy as np
+import pytest
+
+from agrobot_mj.extensions.fields.boom import ImplementMotion
+from agrobot_mj.extensions.fields.operations import WorkedPass, pass_to_pass
+
+SPACING = 3.0
+
+
+def motion(x, y, yaw, reverse=False):
+    """Motion along points, driven in the opposite direction if `reverse`."""
+    parts = [np.asarray(each, dtype=float)[:: -1 if reverse else 1] for each in (x, y, yaw)]
+    t = np.linspace(0.0, 1.0, len(parts[0]))
+    return ImplementMotion(t, parts[0], parts[1], parts[2] + np.pi * reverse, t)
+
+
+def straight(offset, error, reverse=False, angle=0.4):
+    """A straight swath at a lateral offset, and motion at another offset that is larger by `error`."""
+    s = np.linspace(0.0, 60.0, 601)
+    c, d = np.cos(angle), np.sin(angle)
+    lines = [motion(c * s - d * o, d * s + c * o, np.full(601, angle), reverse) for o in (offset, offset + error)]
+    return WorkedPass(*lines)
+
+
+def arc(radius, error, reverse=False):
+    """A swath on an arc about the origin, and motion on an arc whose radius is larger by `error`."""
+    angle = np.linspace(0.0, 1.5, 1501)
+    rings = [motion(r * np.cos(angle), r * np.sin(angle), angle + np.pi / 2, reverse) for r in (radius, radius + error)]
+    return WorkedPass(*rings)
+
+
+@pytest.mark.parametrize("reverse", [(False, False, False), (False, True, False), (True, False, True)])
+@pytest.mark.parametrize("shape", [straight, arc])
+def test_error_between_neighbours_is_the_difference_of_their_offsets(shape, reverse):
+    offsets = (20.0, 20.0 + SPACING, 20.0 + 2 * SPACING)
+    passes = [shape(o, e, r) for o, e, r in zip(offsets, (0.05, 0.02, 0.12), reverse, strict=True)]
+    for order in (passes, passes[::-1]):
+        found = pass_to_pass(order, SPACING)
+        assert found["pass_to_pass_p95_m"] == pytest.approx(0.1, abs=1e-3)
+        assert found["pass_to_pass_mean_m"] == pytest.approx(0.035, abs=5e-3)
+        assert found["cross_track_p95_m"] == pytest.approx(0.12, abs=1e-3)
+
+
+@pytest.mark.parametrize("shape", [straight, arc])
+def test_passes_at_another_distance_are_not_neighbours(shape):
+    found = pass_to_pass([shape(20.0, 0.0), shape(20.0 + 2 * SPACING, 0.1)], SPACING)
+    assert found["pass_to_pass_p95_m"] is None
+    assert pass_to_pass([shape(20.0, 0.0), shape(22.5, 0.1)], 2.5)["pass_to_pass_p95_m"] == pytest.approx(0.1, abs=1e-3)
+
+
+def test_parts_beyond_the_ends_of_a_pass_are_not_compared():
+    long, s = straight(0.0, 0.0, angle=0.0), np.linspace(40.0, 90.0, 501)
+    late = WorkedPass(*(motion(s, np.full(501, SPACING + e), np.zeros(501)) for e in (0.0, 0.07)))
+    found = pass_to_pass([long, late], SPACING)
+    assert found["pass_to_pass_mean_m"] == pytest.approx(0.07)
+    assert pass_to_pass([long], SPACING)["pass_to_pass_p95_m"] is None
+    assert pass_to_pass([], SPACING)["cross_track_p95_m"] is None
+
+
+def test_oblique_passes_are_not_neighbours():
+    passes = [straight(0.0, 0.0), *(straight(SPACING, 0.3, angle=angle) for angle in (0.7, 1.4, 2.5))]
+    assert pass_to_pass(passes, SPACING)["pass_to_pass_p95_m"] is None
