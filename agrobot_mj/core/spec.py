@@ -9,12 +9,12 @@ import ast
 import inspect
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache, lru_cache
 from itertools import pairwise
-from math import isclose, prod
+from math import isclose, isfinite, prod
 from operator import attrgetter
-from typing import Annotated, Any, ClassVar, Self, get_args
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
@@ -72,14 +72,25 @@ CarcassShare = Annotated[float, Field(ge=0.05, le=2)]
 """Stiffness of a tyre carcass divided by the vertical stiffness of the tyre [-]."""
 
 
-NOT_TICKS = f"is not a multiple of the {TICK_S} s tick"  # Part of the message for a time between two ticks
+class Discrete(NamedTuple):
+    """Annotation of a key that accepts only some numbers."""
+
+    low: float  # Minimum of the key
+    high: float  # Maximum of the key
+    nearest: Callable[[float], float]
+    """Function that returns the accepted number nearest to a number between the limits."""
+
+
+def nearest_tick(seconds: float) -> float:
+    """Return the whole number of ticks nearest to `seconds`, as a time [s]."""
+    return float(f"{round(seconds / TICK_S) * TICK_S:.10g}")
 
 
 def whole_ticks(seconds: float) -> float:
     """Return the time `seconds` unchanged. Raises ValueError unless the time is a whole number of ticks."""
-    ticks = round(seconds / TICK_S)
-    if not isclose(seconds, ticks * TICK_S, abs_tol=1e-9):
-        raise ValueError(f"{seconds} {NOT_TICKS}; try {ticks * TICK_S:g}")
+    nearest = nearest_tick(seconds)
+    if not isclose(seconds, nearest, abs_tol=1e-9):
+        raise ValueError(f"{seconds} is not a multiple of the {TICK_S} s tick; try {nearest:g}")
     return seconds
 
 
@@ -108,7 +119,8 @@ def cone_index_in_range(kpa: float) -> float:
 
 
 ConeIndex = Annotated[float, Field(gt=0, le=HUGE), AfterValidator(cone_index_in_range)]
-Latency = Annotated[float, Field(ge=0, le=5), AfterValidator(whole_ticks)]  # Delay in whole ticks [s]
+Latency = Annotated[float, Field(ge=0, le=5), AfterValidator(whole_ticks), Discrete(0.0, 5.0, nearest_tick)]
+"""Delay in whole ticks [s]."""
 
 
 class Spec(BaseModel):
@@ -160,6 +172,24 @@ def fill(part: Spec, keys: list[str], value: Any, default: bool = False) -> None
         part.__dict__[name] = inner
     elif default:
         part.__dict__[name] = value
+
+
+def nearest_value(owner: type[Spec], key: str, value: float) -> float:
+    """Return the number that a key of the class `owner` accepts nearest to `value`, for integers and `Discrete`.
+
+    Values of other keys are rounded to ten digits. Values beyond the limits of a `Discrete` key remain unchanged.
+    """
+    field = owner.model_fields.get(key)
+    parts = [*field.metadata, *_nested(field.annotation)] if field else []
+    if discrete := next((part for part in parts if isinstance(part, Discrete)), None):
+        return discrete.nearest(value) if discrete.low <= value <= discrete.high else value
+    whole = int in parts and float not in parts and isfinite(value)
+    return round(value) if whole else float(f"{value:.10g}")
+
+
+def _nested(annotation: Any) -> list[Any]:
+    """Return an annotation with all its arguments, for example the types of a union."""
+    return [annotation, *(part for argument in get_args(annotation) for part in _nested(argument))]
 
 
 def members(annotation: Any) -> Mapping[str, type[Spec]]:

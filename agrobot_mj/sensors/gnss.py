@@ -17,7 +17,7 @@ from agrobot_mj.core.kernels import jit
 from agrobot_mj.core.lines import SignalLine
 from agrobot_mj.core.randomness import GaussMarkov, Shares, addresses, normal, shares, stream, wandered, wandered_plane
 from agrobot_mj.core.signals import NOMINAL, TICK_S, Column, Conditions, Fix, Frozen, Quality, Truth, worse
-from agrobot_mj.core.spec import Fraction, Latency, NonNegative, Positive
+from agrobot_mj.core.spec import Discrete, Fraction, Latency, NonNegative, Positive
 from agrobot_mj.core.vectors import Vector
 from agrobot_mj.machine.tractor import AntennaPlace
 from agrobot_mj.sensors.base import Noise, SensedMotion, Sensor, motion_of
@@ -25,6 +25,11 @@ from agrobot_mj.sensors.canopy import Canopy, CanopyState
 from agrobot_mj.sensors.dual_antenna import DualAntenna, DualAntennaLaw, antenna_heading
 
 FLOAT = Quality.FLOAT
+
+
+def _nearest_rate(rate_hz: float) -> float:
+    """Return the rate [Hz] of solutions every whole number of ticks, for the interval nearest to that of `rate_hz`."""
+    return float(f"{1.0 / (max(round(1.0 / (rate_hz * TICK_S)), 1) * TICK_S):.10g}")
 
 
 def _whole_ticks_apart(rate_hz: float) -> float:
@@ -195,7 +200,9 @@ class Gnss(Sensor):
     velocity_sigma_m_s: NonNegative = 0.03
     """Standard deviation of the white velocity noise per axis [m/s]. Assumed value (range 0.01-0.05) for velocities
     computed from Doppler shifts."""
-    rate_hz: Annotated[float, Field(ge=1, le=20), AfterValidator(_whole_ticks_apart)] = 20.0
+    rate_hz: Annotated[
+        float, Field(ge=1, le=20), AfterValidator(_whole_ticks_apart), Discrete(1.0, 20.0, _nearest_rate)
+    ] = 20.0
     """Number of solutions per second [Hz], at intervals of whole ticks. Assumed value (range 5-20 for guidance)."""
     latency_s: Latency = 0.0
     """Latency of a solution [s], in whole ticks. Assumed value: below a tick in a receiver, up to 0.2 s by radio."""

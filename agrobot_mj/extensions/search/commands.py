@@ -66,6 +66,7 @@ def limit(
     from agrobot_mj.extensions.search.limit import Question, content
     from agrobot_mj.extensions.search.limit import limit as search
     from agrobot_mj.scenario.loading import load_scenario
+    from agrobot_mj.simulation.progress import elapsed
 
     kinds = names(",".join(guidance), "--guidance") if guidance else []
     scenario = load_scenario(source, overrides(sets))
@@ -73,7 +74,8 @@ def limit(
     question = Question(key, *_ends(range_), until, max_seeds, reliability, confidence, tolerance)
     sound, said = overrides(beside, "--beside") if beside else None, list[str]()
     tell, hint = partial(_tell, key, quiet), lambda ends: said.extend(print_hints(ends, quiet))
-    found = search(scenario, question, kinds, folder, jobs, tell, hint, sound)
+    with elapsed(f"{scenario.name}: searching", quiet):
+        found = search(scenario, question, kinds, folder, jobs, tell, hint, sound)
     lines = [each.statement + (f"\n  {each.beside.statement}" if each.beside else "") for each in found]
     about = {"folder": str(folder), "hints": said}
     return Answer({**content(scenario, question, found), **about}, "\n".join([*lines, str(folder / "limit.json")]))

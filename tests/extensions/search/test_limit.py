@@ -2,16 +2,17 @@
 
 import json
 from functools import partial
-from math import exp
+from math import exp, inf
 
 import numpy as np
 import pytest
 
 from agrobot_mj import load_scenario
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.extensions.search.limit import question
 from agrobot_mj.extensions.search.limit.condition import Condition
 from agrobot_mj.extensions.search.limit.interval import runs_needed, sequential_interval
-from agrobot_mj.extensions.search.limit.question import Question, as_value, check, metric_names
+from agrobot_mj.extensions.search.limit.question import Question, as_value, check, condition_of, metric_names
 from agrobot_mj.extensions.search.limit.search import SHOWN_RUNS, find_limit
 from agrobot_mj.studies.engine.tasks import failure
 from agrobot_mj.studies.statistics import wilson_interval
@@ -66,6 +67,12 @@ def test_invalid_condition_is_rejected_with_an_example_and_not_executed(text, tm
     assert list(tmp_path.iterdir()) == []
 
 
+def test_invalid_syntax_of_a_condition_is_rejected_without_a_run(monkeypatch):
+    monkeypatch.setattr(question, "metric_names", lambda scenario: pytest.fail("a run was started"))
+    with pytest.raises(ScenarioError, match="cannot be parsed"):
+        condition_of("lateral_rms >", SCENARIO)
+
+
 def test_error_for_an_unknown_metric_lists_the_available_metrics():
     with pytest.raises(ScenarioError, match="no metric 'latral_rms'; did you mean 'lateral_rms'") as caught:
         Condition("latral_rms > 1", metric_names(SCENARIO))
@@ -109,11 +116,28 @@ def test_results_reported_as_certain_are_wrong_no_more_often_than_stated(reliabi
 
 @pytest.mark.parametrize(
     ("key", "value", "taken"),
-    [(KEY, 0.1 + 0.2, 0.3), ("sensors.gnss.latency_s", 0.1234, 0.1), ("sensors.steering_pot.samples", 43.6, 44)],
+    [
+        (KEY, 0.1 + 0.2, 0.3),
+        ("sensors.gnss.latency_s", 0.1234, 0.1),
+        ("sensors.gnss.rate_hz", 12.5, 10.0),
+        ("sensors.gnss.rate_hz", 6.1, 6.666666667),
+        ("sensors.steering_pot.samples", 43.6, 44),
+    ],
 )
 def test_evaluated_values_have_the_type_of_the_key(key, value, taken):
-    assert as_value(SCENARIO, key, value) == taken
+    found = as_value(SCENARIO, key, value)
+    assert (found, isinstance(found, int)) == (taken, key.endswith("samples"))
     SCENARIO.changed({key: taken})
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [("sensors.gnss.rate_hz", (0.0, -5.0, 1e-320, 40.0)), ("sensors.gnss.latency_s", (-0.01, 1e308, inf))],
+)
+def test_values_beyond_the_limits_of_a_key_remain_invalid(key, values):
+    for value in values:
+        with pytest.raises(ScenarioError, match=key):
+            SCENARIO.changed({key: as_value(SCENARIO, key, value)})
 
 
 # --- the search ---------------------------------------------------------------------------------------------------
@@ -408,7 +432,7 @@ SHORT = ("--set", "plant.kind=bicycle", "--set", "duration_s=4", "--jobs", 1, "-
 def test_limit_command_compares_laws_and_writes_its_result(call, tmp_path):
     """How tight a circle? Both laws keep one of 6 m within 20 mm, neither one of 2 m."""
     where = ("--key", "path.radius_m", "--range", "6:2", "--tolerance", 0.5)
-    options = (*where, "--guidance", "stanley,lqr", "--max-seeds", 7, "--beside", "path.radius_m=6")
+    options = (*where, "--guidance", "stanley,lqr", "--max-seeds", 3, "--beside", "path.radius_m=6")
     status, out, err = call("circle", *options, "--until", "xte_rms > 0.02", *SHORT)
     assert (status, err) == (0, "")
     content = json.loads((tmp_path / "out" / "limit.json").read_text())

@@ -36,7 +36,8 @@ Numbers = Mapping[str, Any]
 class Condition:
     """Failure condition on the metrics of a run. Raises `ScenarioError` for an invalid text."""
 
-    def __init__(self, text: str, metrics: Collection[str]) -> None:
+    def __init__(self, text: str, metrics: Collection[str] | None = None) -> None:
+        """Read the condition `text`, which may contain the names `metrics`. By default all names are accepted."""
         self.text, self.metrics, self._names = text, metrics, set[str]()
         if len(text) > LONGEST:
             self._refuse(f"the text has more than {LONGEST} characters")
@@ -126,7 +127,7 @@ class Condition:
             self._refuse(f"{ast.unparse(inner)!r} is neither a metric nor a number")
         if word in OUTCOMES:
             return "word", lambda numbers: word
-        if word != "outcome" and word not in self.metrics:
+        if word != "outcome" and self.metrics is not None and word not in self.metrics:
             known = sorted(self.metrics)
             hint, outcomes = suggestion(word, [*known, *OUTCOMES]), ", ".join(OUTCOMES)
             names = f"known: outcome, {', '.join(known)}; outcomes: {outcomes}"

@@ -8,8 +8,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.signals import TICK_S
-from agrobot_mj.core.spec import NOT_TICKS
+from agrobot_mj.core.spec import Spec, nearest_value
 from agrobot_mj.extensions.search.limit.condition import Condition
 from agrobot_mj.extensions.search.limit.interval import runs_needed
 from agrobot_mj.metrics.success import COMPLETED
@@ -133,6 +132,7 @@ def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
 
 def condition_of(until: str, scenario: Scenario) -> Condition:
     """Return the failure condition for runs of a scenario. Raises `ScenarioError` for an invalid text `until`."""
+    Condition(until)  # invalid syntax is reported before the run for the names of the metrics
     condition = Condition(until, metric_names(scenario))
     if condition.names_error and not condition.names_outcome and scenario.expected_outcome != COMPLETED:
         raise ScenarioError(
@@ -149,17 +149,13 @@ def at_value(scenario: Scenario, q: Question, value: float) -> Scenario:
 
 
 def as_value(scenario: Scenario, key: str, value: float) -> float:
-    """Return a value in the type of its key, rounded to an integer or to complete ticks if necessary."""
-    tidy = float(f"{value:.10g}")
-    try:
-        scenario.changed({key: tidy}, files=False)
-    except ScenarioError as error:
-        if NOT_TICKS in str(error):
-            return float(f"{round(value / TICK_S) * TICK_S:.10g}")
-        if "whole number" in str(error):
-            return round(value)
-        raise
-    return tidy
+    """Return the number nearest to `value` that the key accepts, for example an integer or a whole number of ticks."""
+    owner: Any = scenario
+    *tables, name = key.split(".")
+    for table in tables:
+        items = isinstance(owner, tuple) and table.isdecimal() and int(table) < len(owner)
+        owner = owner[int(table)] if items else getattr(owner, table, None)
+    return nearest_value(type(owner) if isinstance(owner, Spec) else Scenario, name, value)
 
 
 def answer(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:

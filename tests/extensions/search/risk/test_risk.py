@@ -74,7 +74,7 @@ def risk_of(process, first_seed=1, **more):
 def test_splitting_gives_the_known_failure_probability(process):
     """Intervals of few splittings contain the probability in 90 % instead of 95 % of cases: at least 15 of 20, except
     for 4 %."""
-    found = [risk_of(process, 1 + 1000 * k, particles=40, repeats=4).estimate for k in range(20)]
+    found = [risk_of(process, 1 + 1000 * k, particles=25, repeats=4).estimate for k in range(20)]
     mean, error = np.mean([f.probability for f in found]), np.std([f.probability for f in found], ddof=1) / sqrt(20)
     assert error < 0.2 * process.exact
     assert mean == pytest.approx(process.exact, abs=3 * error)
@@ -85,7 +85,7 @@ def test_splitting_needs_a_tenth_of_the_direct_runs_at_probability_1e_4():
     """Plain runs for the same standard error: p (1 - p) / error^2."""
     process = NORMAL._replace(top=21.5)
     assert 0.5e-4 < process.exact < 2e-4
-    found = risk_of(process, particles=100, repeats=10)
+    found = risk_of(process, particles=60, repeats=10)
     assert found.estimate.low < process.exact < found.estimate.high
     assert process.exact / found.estimate.error**2 > 10 * found.worth
 
