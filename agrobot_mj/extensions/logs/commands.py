@@ -84,6 +84,7 @@ def twin(
     from agrobot_mj.core.errors import ScenarioError
     from agrobot_mj.core.table_columns import FieldLogError
     from agrobot_mj.extensions.logs.parts import Job, analyse, chosen_parts
+    from agrobot_mj.simulation.progress import elapsed
 
     if described:
         texts = _described(logs, map_file)
@@ -93,13 +94,16 @@ def twin(
     chosen = names(",".join(only), "--only") if only else []
     parts = chosen_parts(chosen)
     folder, scenario = _folder(out, chosen, logs[0]), _scenario(logs[0], sets)
+    for part in parts.values():
+        part.check(scenario, names(fitted, "--fit"))
     options = {"names": names(fitted, "--fit"), "share": share, "start_s": start, "end_s": end, "by": by}
     job = Job(logs, map_file, scenario, **options)
-    lines = [] if chosen == ["valve"] else list(job.health)
-    try:
-        found = analyse(parts, job, folder)
-    except FieldLogError as error:
-        raise ScenarioError("\n".join([str(error), *lines])) from None
+    with elapsed(f"{logs[0].name}: analysing", quiet):
+        lines = [] if chosen == ["valve"] else list(job.health)
+        try:
+            found = analyse(parts, job, folder)
+        except FieldLogError as error:
+            raise ScenarioError("\n".join([str(error), *lines])) from None
     lines += [line for each in found.values() for line in each.lines]
     if folder is not None and any(each.content for each in found.values()):
         lines.append(str(folder if chosen else folder / "report.html"))

@@ -13,9 +13,9 @@ from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.table_columns import Source, loaded
 from agrobot_mj.extensions.logs.calibrate import Calibration, calibrate
 from agrobot_mj.extensions.logs.health import health_lines
-from agrobot_mj.extensions.logs.identify.keys import fit_keys
+from agrobot_mj.extensions.logs.identify.keys import fit_keys, start_values
 from agrobot_mj.extensions.logs.identify.valve import NAMES, Identified, identify, rate_of
-from agrobot_mj.extensions.logs.identify.vehicle import NothingExplainedError, identify_vehicle
+from agrobot_mj.extensions.logs.identify.vehicle import NothingExplainedError, fitted_parameters, identify_vehicle
 from agrobot_mj.extensions.logs.identify.windows import TooLittleError
 from agrobot_mj.extensions.logs.maps import LogMap, read_map
 from agrobot_mj.extensions.logs.origin import log_identity
@@ -87,6 +87,8 @@ class LogPart(NamedTuple):
     file: str  # Name of the JSON file
     others: Callable[[Scenario], tuple[str, ...]] = lambda scenario: ()
     """Function that returns the names of the other result files, given the scenario."""
+    check: Callable[[Scenario, Sequence[str]], object] = lambda scenario, names: None
+    """Function that raises `ScenarioError` for invalid names of fitted parameters, before the logs are read."""
 
 
 def analyse(parts: Mapping[str, LogPart], job: Job, folder: Path | None) -> dict[str, Finding]:
@@ -229,8 +231,8 @@ def whole(job: Job) -> Finding:
 
 PARTS = {
     "calibrate": LogPart(calibration, "calibration.json", lambda scenario: ("map.toml",)),
-    "identify": LogPart(vehicle, "vehicle.json"),
-    "keys": LogPart(keys, "keys.json"),
+    "identify": LogPart(vehicle, "vehicle.json", check=lambda scenario, names: fitted_parameters(names)),
+    "keys": LogPart(keys, "keys.json", check=start_values),
     "replay": LogPart(driven, "replay.json", files_of_replay),
     "valve": LogPart(valve, "identified.json"),
 }

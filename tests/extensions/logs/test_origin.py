@@ -27,6 +27,7 @@ def driven():
     return run(load_scenario("figure_eight", keys))
 
 
+@pytest.mark.usefixtures("quick_fit")
 @pytest.mark.parametrize("file", COMMANDS)
 def test_every_log_command_writes_identity_of_logs_scenario_and_code(file, driven, tmp_path, call):
     write_log(driven, tmp_path / "run")

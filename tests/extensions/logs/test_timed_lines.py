@@ -35,7 +35,8 @@ def lines_of(columns):
 
 @pytest.fixture
 def columns():
-    return field_log(path(swing_deg=12.0), every=1, counts=lambda wheel: CENTRE + np.degrees(wheel) / DEG_PER_COUNT)
+    driven = path(duration=40.0, swing_deg=12.0)
+    return field_log(driven, every=1, counts=lambda wheel: CENTRE + np.degrees(wheel) / DEG_PER_COUNT)
 
 
 def test_values_have_the_time_stamps_of_the_logged_lines(tmp_path, columns):
@@ -63,6 +64,7 @@ def test_damaged_lines_are_counted_and_too_many_rejected(tmp_path, columns):
         open_log(tmp_path / "log")
 
 
+@pytest.mark.usefixtures("quick_fit")
 def test_log_of_time_stamped_lines_is_calibrated_without_a_map(tmp_path, columns, asked):
     (tmp_path / "log").write_text("\n".join(lines_of(columns)))
     known = "--machine", "utility", "--set", "tractor.wheelbase_m=2.5"

@@ -27,6 +27,9 @@ from agrobot_mj.extensions.logs.twin.twin import _texts, way
 BICYCLE = ("--set", "plant.kind=bicycle")
 
 
+quickly = pytest.mark.usefixtures("quick_fit")
+
+
 def twin_of(seed, folder):
     """The command on the log of a machine; returns what was hidden and what was found."""
     h = write_log(seed, folder / "log.csv")
@@ -192,6 +195,7 @@ def test_calibration_with_a_calibrated_map_finds_no_further_offset(one):
     assert abs(found.found["heading.delay_s"].value - read_map(one / "twin" / "map.toml").heading.delay_s) < 0.03
 
 
+@quickly
 def test_effect_of_a_wrong_steering_centre_is_given_in_centimetres(one, tmp_path, call):
     """15 counts off: tan(15 scale) 2^2 / (2 L) to the side of pure pursuit, less 2 m times the heading's error."""
     h = hidden(0)
@@ -208,6 +212,7 @@ def test_effect_of_a_wrong_steering_centre_is_given_in_centimetres(one, tmp_path
     assert f"The wheels point {15 * abs(h.scale):.1f} deg further to the {side} than in the map" in out
 
 
+@quickly
 def test_twin_command_calibrates_and_replays_and_prints_json(one, tmp_path, call):
     given = (one / "log.csv", "--map", one / "twin" / "map.toml", *BICYCLE, "--to", 60, "--out", "parts")
     status, out, err = call("twin", *given, "--only", "calibrate,replay", "--json")
@@ -235,6 +240,7 @@ def test_unknown_part_for_the_twin_command_is_reported(call):
     assert err.startswith("--only calibrat: unknown part; did you mean 'calibrate'")
 
 
+@quickly
 def test_latency_outside_the_search_range_is_rejected(one):
     log_map = read_map(one / "twin" / "map.toml")
     old = log_map.model_copy(update={"position": log_map.position.model_copy(update={"delay_s": -2.0})})

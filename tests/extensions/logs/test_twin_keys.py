@@ -23,7 +23,7 @@ AHEAD, LATE_ROWS = 0.8, 3
 @pytest.fixture(scope="module")
 def calibrated():
     """Sensor with a wrong centre, a wrong scale and two scales; antenna ahead; heading three ticks older than fixes."""
-    columns = field_log(path(duration=90.0, swing_deg=14.0), counts=two_sided(0.085, 0.115), ahead=AHEAD)
+    columns = field_log(path(duration=60.0, swing_deg=14.0), counts=two_sided(0.085, 0.115), ahead=AHEAD)
     columns["heading"] = np.concatenate([columns["heading"][:1].repeat(LATE_ROWS), columns["heading"][:-LATE_ROWS]])
     steer = {"offset": CENTRE + 20, "scale": 0.1}
     return calibrate([pa.table(columns)], field_map(columns, steer=steer, position={"ahead_m": 0.0}), UTILITY)
@@ -49,9 +49,10 @@ def test_latency_above_that_of_the_receiver_is_written_as_a_fault(calibrated):
     UTILITY.changed({"fault": [fault]})
 
 
+@pytest.mark.usefixtures("quick_fit")
 def test_written_map_keeps_every_estimated_value_with_its_interval():
     """Values that round to their defaults are kept, too."""
-    columns = field_log(path(duration=60.0, swing_deg=12.0))
+    columns = field_log(path(duration=40.0, swing_deg=12.0))
     found = calibrate([pa.table(columns)], field_map(columns), UTILITY)
     text = map_lines(found)
     written = LogMap.model_validate(tomllib.loads(text))

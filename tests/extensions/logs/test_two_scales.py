@@ -32,7 +32,7 @@ LEFT_POSITIVE = pytest.param(0.085, 0.115, 1.0, marks=pytest.mark.slow)
 def test_steering_centre_and_both_scales_are_identified(left, right, positive):
     side = "left" if positive > 0 else "right"
     steer = {"offset": CENTRE + 13, "scale": 0.1, "positive": side}
-    columns = field_log(path(duration=90.0, swing_deg=14.0), counts=two_sided(left, right, positive))
+    columns = field_log(path(duration=60.0, swing_deg=14.0), counts=two_sided(left, right, positive))
     found = calibrate([pa.table(columns)], field_map(columns, steer=steer), UTILITY)
     assert not found.found["steer.offset"].excludes(CENTRE)
     assert found.found["steer.offset"].half < 2.0, "13 counts of a wrong centre are told"

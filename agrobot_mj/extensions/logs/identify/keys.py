@@ -80,7 +80,7 @@ def fit_keys(
     """Fit scenario keys to logs. Initial values are those of `scenario`. Raises `FieldLogError` or `ScenarioError`."""
     required("absl", "sysid", "a fit of scenario keys")
     toolbox = required("mujoco.sysid", "sysid", "a fit of scenario keys")
-    start = {name: _number(scenario, name) for name in names}
+    start = start_values(scenario, names)
     cut = read_pieces(source, log_map, scenario.tractor.antenna_height_m, start_s, end_s)
     problem, x = _Problem(cut.kept, scenario, start), np.array([1.0] * len(start))
     first = now = problem.residuals(x)
@@ -109,13 +109,13 @@ def fit_keys(
     return FittedKeys(found, dict(zip(start, halves.tolist(), strict=True)), number, rms, tuple(notes))
 
 
-def _number(scenario: Scenario, key: str) -> float:
-    """Return the numeric value of a scenario key. Raises `ScenarioError` if the value is zero or not a number."""
-    known = {name: each for name, each in flat(scenario.model_dump()) if isinstance(each, int | float)}
-    if not known.get(key):
+def start_values(scenario: Scenario, names: Sequence[str]) -> dict[str, float]:
+    """Return the values of scenario keys. Raises `ScenarioError` if a value is zero or not a number."""
+    known = {name: float(each) for name, each in flat(scenario.model_dump()) if isinstance(each, int | float)}
+    if key := next((name for name in names if not known.get(name)), ""):
         near = suggestion(key, list(known)) if key not in known else ""
         raise ScenarioError(f"--fit {key}: must be a scenario key with a nonzero number as start value{near}")
-    return float(known[key])
+    return {name: known[name] for name in names}
 
 
 def _residuals(number: int, piece: FieldRecording, driven: Driven) -> Residuals:

@@ -86,7 +86,7 @@ def identify_vehicle(
     small angles. Raises `FieldLogError` for an unsuitable log, `NothingExplainedError` if the fit explains too
     little variance or is implausible.
     """
-    chosen = _chosen(names)
+    chosen = fitted_parameters(names)
     cut = read_pieces(source, log_map, scenario.tractor.antenna_height_m, start_s, end_s)
     name = cut.kept[0].name
     if cut.kept[0].steer is None:
@@ -168,7 +168,8 @@ def check_stiffness(name: str, found: dict[str, Quantity], chassis: Chassis2) ->
             )
 
 
-def _chosen(names: Sequence[str]) -> list[str]:
+def fitted_parameters(names: Sequence[str]) -> list[str]:
+    """Return the parameters of the vehicle model for the option `--fit`. Raises `ScenarioError` for unknown names."""
     for name in names:
         if name not in CHOICES:
             known = ", ".join(CHOICES)

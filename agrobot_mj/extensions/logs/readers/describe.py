@@ -1,6 +1,8 @@
 """Description of a log as text: reader, columns with rates and gaps, and possible uses."""
 
-from typing import NamedTuple
+import re
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -19,6 +21,14 @@ from agrobot_mj.extensions.logs.readers import OpenedLog
 from agrobot_mj.extensions.logs.recording import SECONDS, read_recording
 
 MOST_COLUMNS = 60  # Maximum number of columns that are described
+TIME = re.compile(r"(t|time|timestamp|stamp)(?:_?(s|ms|us|ns))?", re.I | re.A)  # Pattern of the name of a time column
+PLACEHOLDERS = {
+    "speed": {"column": "...", "unit": "m/s"},
+    "steer": {"column": "...", "unit": "deg"},
+    "yaw_rate": {"column": "...", "unit": "deg/s"},
+    "position": {"east": "...", "north": "..."},
+}
+"""Map tables of a log with unknown columns, to be completed by the user."""
 
 
 class Coverage(NamedTuple):
@@ -30,8 +40,8 @@ class Coverage(NamedTuple):
 
 
 def coverage(t: Array, values: Array) -> Coverage:
-    """Return the coverage of a column with `values` at times `t`, shape (n,) each. Missing values are NaN."""
-    known = t[np.isfinite(values)]
+    """Return the coverage of a column with `values` at times `t`, shape (n,) each. Missing values and times are NaN."""
+    known = t[np.isfinite(values) & np.isfinite(t)]
     if len(known) < 2:
         return Coverage(len(known), 0.0, 0.0)
     steps = np.diff(known)
@@ -42,11 +52,14 @@ def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
     """Return a description of a log as plain text and valid Markdown. `log_map` is the user's map, or None."""
     source, m = loaded(log.source), log_map or log.log_map
     names = [name for name in column_names(source) if not m or name != m.time.column][:MOST_COLUMNS]
+    tables = log.tables or _template(source, names)
     time, unit = (m.time.column, m.time.unit) if m else ("t", "s")
+    if tables and not m:
+        time, unit = tables["time"]["column"], tables["time"].get("unit", "s")
     lines = [f"{log.name}: read as {log.reader}", *log.notes]
-    if m or log.tables:
+    if m or tables:
         t = read_columns(source, [time])[time] * SECONDS[unit]
-        lines[0] += f", {np.ptp(t):.1f} s" if len(t) else ", no rows"
+        lines[0] += f", {np.ptp(t[np.isfinite(t)]):.1f} s" if len(t) else ", no rows"
         head = ("column", "unit", "values", "rate Hz", "longest gap s", "minimum", "maximum")
         rows = [_row(source, name, t) for name in names if name != time]
         lines += ["", *markdown_table(head, rows, 2, aligned=True).splitlines(), ""]
@@ -61,9 +74,26 @@ def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
         lines.append(f"{_use(source, m)}: {used}.")
     else:
         lines.append(f"The log cannot be used for replay, identify or calibrate: {log.missing}.")
-    if log.tables and not m:
-        lines += ["", "Template of a map:", "", *tomli_w.dumps(log.tables).splitlines()]
+    if tables and not m:
+        lines += ["", "Template of a map:", "", *tomli_w.dumps(tables).splitlines()]
     return "\n".join(UNPRINTABLE.sub("?", line) for line in lines)
+
+
+def _template(source: Source, names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return map tables with a time column, recognised by its name, and placeholders, or {} without a time column."""
+    for name in names:
+        if (match := TIME.fullmatch(name)) and _increases(source, name):
+            return {"time": {"column": name, "unit": (match[2] or "s").lower()}, **PLACEHOLDERS}
+    return {}
+
+
+def _increases(source: Source, name: str) -> bool:
+    try:
+        t = read_columns(source, [name])[name]
+    except FieldLogError:
+        return False
+    known = t[np.isfinite(t)]
+    return len(known) > 1 and bool((np.diff(known) >= 0.0).all()) and bool(known[-1] > known[0])
 
 
 def _use(source: Source, m: LogMap) -> str:

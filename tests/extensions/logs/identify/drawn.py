@@ -6,6 +6,7 @@ a delay, play of the linkage, and the mounting error of two antennas. The plant 
 nothing of the fit.
 """
 
+from functools import cache
 from math import nan, pi
 from typing import Any, NamedTuple
 
@@ -14,7 +15,7 @@ import pyarrow as pa
 
 from agrobot_mj import Simulation, load_scenario
 from agrobot_mj.core.signals import TICK_S, Fix
-from agrobot_mj.extensions.logs.calibrate import calibrate
+from agrobot_mj.extensions.logs.calibrate import Calibration, calibrate
 from agrobot_mj.extensions.logs.maps import LogMap
 
 HOMING = 0.15  # Steering angle per heading with which the driver stays near the line [-]
@@ -206,12 +207,18 @@ def _truth(h: Drawn) -> dict[str, float]:
     return found
 
 
+@cache
+def calibrated(seed: int, duration: float, again: int) -> Calibration:
+    """Return the calibration from a drive of a machine."""
+    log = owned(seed, duration, again=again)
+    return calibrate([log.table], log.log_map, log.scenario)
+
+
 def errors(seed: int, duration: float = 120.0) -> dict[str, tuple[float, float, bool]]:
     """Return error, half width of the interval [unit of the quantity], and whether it is identified, by quantity."""
-    log = owned(seed, duration)
-    found = calibrate([log.table], log.log_map, log.scenario).found
+    truth = _truth(drawn(seed))
     return {
-        key: (each.value - log.truth[key], each.half, each.identified)
-        for key, each in found.items()
-        if key in log.truth
+        key: (each.value - truth[key], each.half, each.identified)
+        for key, each in calibrated(seed, duration, 0).found.items()
+        if key in truth
     }

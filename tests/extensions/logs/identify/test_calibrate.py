@@ -21,20 +21,34 @@ from agrobot_mj.scenario.loading import load_scenario
 BICYCLE = load_scenario("straight_line", {"plant.kind": "bicycle"})
 
 
+quickly = pytest.mark.usefixtures("quick_fit")
+
+
 @pytest.fixture(scope="module")
 def log():
     return log_of(3, plant__front_cornering_stiffness_n_rad=11_000.0, plant__rear_cornering_stiffness_n_rad=24_000.0)
 
 
+def calibrated(table, log_map=None, scenario=BICYCLE):
+    """Return the calibration from the first 40 s of a log."""
+    return calibrate([table], log_map, scenario, 0.0, 40.0)
+
+
+@pytest.fixture(scope="module")
+def sound(log):
+    """Calibration of a log without errors."""
+    return calibrated(log.signals)
+
+
 @cache
 def gyro_log(h, age, cruise=None, swing=1.0):
     """Log of a stranger's machine with a gyro and one antenna; the steering sensor is late, off and an eighth large."""
-    fine = np.arange(0, 140, STEP_S / 2)
-    speed, sensor = inputs(0, fine)
+    fine = np.arange(0, 80, STEP_S / 2)
+    speed, sensor = inputs(0, fine + 40)  # a slow half, then a fast half
     sensor *= swing
     speed = speed if cruise is None else np.full(len(fine), cruise)
     x, y, psi, rate = drive(h, speed, behind_play(sensor, radians(h.play)))
-    steps, t = STEP_S * np.arange(len(x)), np.arange(9.0, 139.0, 0.05)
+    steps, t = STEP_S * np.arange(len(x)), np.arange(9.0, 79.0, 0.05)
     rng = np.random.default_rng(5)
     x, y, psi, rate = (np.interp(t, steps, each) for each in (x, y, psi, rate))
     noise = rng.standard_normal((5, len(t)))
@@ -62,10 +76,16 @@ def test_steering_delay_and_scale_are_identified_relative_to_the_gyro():
     assert "heading.offset" not in found
 
 
-def test_latency_of_the_speed_sensor_is_not_identified_at_constant_speed():
+@pytest.fixture(scope="module")
+def cruising():
+    """Calibration of a log with constant speed."""
+    return calibrate([gyro_log(hidden(0), 0.1, 2.0)], None, BICYCLE)
+
+
+def test_latency_of_the_speed_sensor_is_not_identified_at_constant_speed(cruising):
     """Otherwise a random latency would fit the noise of the speed to the noise of the positions with a narrow
     interval."""
-    found = calibrate([gyro_log(hidden(0), 0.1, 2.0)], None, BICYCLE)
+    found = cruising
     age = found.found["speed.delay_s"]
     assert (age.value, age.identified) == (0.0, False)
     assert found.calibrated.speed == found.log_map.speed
@@ -74,8 +94,9 @@ def test_latency_of_the_speed_sensor_is_not_identified_at_constant_speed():
     )
 
 
-def test_constant_speed_triples_all_intervals_except_steering_centre(monkeypatch):
+def test_constant_speed_triples_all_intervals_except_steering_centre(cruising, monkeypatch):
     log = gyro_log(hidden(0), 0.1, 2.0)
+    monkeypatch.setattr(calibration, "fit", lambda *given: cruising.fit)
     monkeypatch.setattr(calibration, "scrub", lambda scenario: 0.0)  # independent of the speeds of a log
     wide = calibrate([log], None, BICYCLE).found
     monkeypatch.setattr(calibration, "TWO_SPEEDS", 0.0)
@@ -84,9 +105,10 @@ def test_constant_speed_triples_all_intervals_except_steering_centre(monkeypatch
         assert wide[key].high - wide[key].low == pytest.approx(wider * (narrow[key].high - narrow[key].low), rel=1e-6)
 
 
+@quickly
 def test_latency_and_antenna_position_are_not_identified_on_a_straight():
     """The steering backlash hides half of the small corrections, or all of them if they are smaller."""
-    found = calibrate([gyro_log(hidden(0), 0.1, swing=0.15)], None, BICYCLE)
+    found = calibrate([gyro_log(hidden(0), 0.1, swing=0.18)], None, BICYCLE)
     assert {key for key, each in found.found.items() if each.identified} == {"steer.offset", "steer.scale"}
     assert not found.found["steer.offset"].excludes(radians(0.9))
     assert any(line.startswith("Delays require bends") for line in sentences(found, BICYCLE.tractor))
@@ -94,26 +116,25 @@ def test_latency_and_antenna_position_are_not_identified_on_a_straight():
         calibrate([gyro_log(hidden(0), 0.1, swing=0.12)], None, BICYCLE)
 
 
-def test_shift_of_the_steering_centre_between_log_halves_is_detected(log):
-    assert not any("The steering centre changes" in line for line in told_of(log.signals))
+@quickly
+def test_shift_of_the_steering_centre_between_log_halves_is_detected(log, sound):
+    assert not any("The steering centre changes" in line for line in sentences(sound, BICYCLE.tractor))
     t, read = (np.asarray(log.signals[name]) for name in ("t", "steer_measured"))
     at = log.signals.column_names.index("steer_measured")
-    slipped = log.signals.set_column(at, "steer_measured", pa.array(read + radians(3) * (t > 30)))
-    line, *others = [line for line in told_of(slipped) if "steering centre" in line]
+    slipped = log.signals.set_column(at, "steer_measured", pa.array(read + radians(3) * (t > 20)))
+    line, *others = [line for line in sentences(calibrated(slipped), BICYCLE.tractor) if "steering centre" in line]
     assert line.startswith("The steering centre changes")
     assert not others
     first, second = (float(line.split(word)[1].split()[0]) for word in (" changes from ", " of the drive to "))
     assert second - first == pytest.approx(radians(3), abs=radians(0.2))
 
 
+@quickly
 def test_angle_in_degrees_mapped_as_radians_is_reported(log):
     at = log.signals.column_names.index("steer_measured")
     wrong = log.signals.set_column(at, "steer_measured", pc.multiply(log.signals["steer_measured"], 180 / np.pi))
-    assert any('The readings seem to be in deg; if so, set unit = "deg"' in line for line in told_of(wrong))
-
-
-def told_of(table):
-    return sentences(calibrate([table], None, BICYCLE), BICYCLE.tractor)
+    told = sentences(calibrated(wrong), BICYCLE.tractor)
+    assert any('The readings seem to be in deg; if so, set unit = "deg"' in line for line in told)
 
 
 def test_gyro_in_the_wrong_unit_is_rejected(log):
@@ -123,30 +144,32 @@ def test_gyro_in_the_wrong_unit_is_rejected(log):
         calibrate([wrong], None, BICYCLE)
 
 
+@quickly
 def test_gyro_mapped_as_steering_angle_is_rejected():
     log, names = gyro_log(hidden(0), 0.1), {"gyro": "steer_measured", "steer_measured": "gyro"}
     with pytest.raises(FieldLogError, match=r"that the columns of \[steer\] and \[yaw_rate\] are not swapped"):
         calibrate([log.rename_columns([names.get(name, name) for name in log.column_names])], None, BICYCLE)
 
 
+@quickly
 def test_reverse_driving_with_an_unsigned_speed_is_reported(log):
     at, reverse = log.signals.column_names.index("steer_measured"), pc.negate(log.signals["steer_measured"])
-    found = calibrate([log.signals.set_column(at, "steer_measured", reverse)], None, BICYCLE, 0.0, 40.0)
+    found = calibrated(log.signals.set_column(at, "steer_measured", reverse))
     assert any("unless most of the drive was in reverse" in line for line in sentences(found, BICYCLE.tractor))
 
 
+@quickly
 def test_wheelbase_error_changes_the_identified_steering_scale(log):
     scenario = BICYCLE.changed({"tractor.wheelbase_m": 1.54})
-    found = calibrate([log.signals], None, scenario, 0.0, 40.0)
+    found = calibrated(log.signals, None, scenario)
     assert found.found["steer.scale"].value == pytest.approx(1.1, abs=0.03)
     told = sentences(found, scenario.tractor)
     assert any("proportional to the assumed wheelbase of 1.54 m" in line for line in told)
 
 
-def test_steering_limit_below_the_recorded_angles_is_reported(log):
-    found = calibrate([log.signals], None, BICYCLE, 0.0, 40.0)
+def test_steering_limit_below_the_recorded_angles_is_reported(sound):
     narrow = BICYCLE.changed({"tractor.steer_limit_deg": 4.0}).tractor
-    assert any("but tractor.steer_limit_deg is 4; increase the limit" in line for line in sentences(found, narrow))
+    assert any("but tractor.steer_limit_deg is 4; increase the limit" in line for line in sentences(sound, narrow))
 
 
 @pytest.mark.parametrize(
@@ -190,10 +213,11 @@ def test_comparison_with_the_gyro_rejects_swapped_position_axes(log):
         calibrate([exchanged(log.signals)], None, BICYCLE)
 
 
+@quickly
 def test_swapped_position_axes_that_mirror_the_steering_are_reported(log):
     blind = built_in(log.signals.column_names, "log").model_copy(update={"yaw_rate": None, "heading": None})
     for table, side in ((log.signals, "left"), (exchanged(log.signals), "right")):
-        found = calibrate([table], blind, BICYCLE, 0.0, 40.0)
+        found = calibrated(table, blind)
         assert found.positive == side
         doubts = [
             line
@@ -203,6 +227,7 @@ def test_swapped_position_axes_that_mirror_the_steering_are_reported(log):
         assert len(doubts) == (side == "right")
 
 
+@quickly
 def test_short_log_calibrates_sensors_but_identifies_no_tyre_stiffness(log, tmp_path, call):
     arguments = "twin", "--only", "identify", "log.parquet", "--set", "plant.kind=bicycle", "--out", "found"
     pq.write_table(log.signals, tmp_path / "log.parquet")
@@ -217,6 +242,7 @@ def test_short_log_calibrates_sensors_but_identifies_no_tyre_stiffness(log, tmp_
     assert "steer.scale" in out
 
 
+@quickly
 def test_calibrate_command_writes_the_calibrated_map(log, tmp_path, call):
     pq.write_table(log.signals.slice(0, 700), tmp_path / "log.parquet")
     status, out, err = call(

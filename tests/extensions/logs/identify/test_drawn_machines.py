@@ -7,17 +7,18 @@ from collections import Counter
 from math import hypot
 
 import pytest
-from drawn import drawn, errors, owned
+from drawn import calibrated, drawn, errors, owned
 
 from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.calibrate import calibrate
 
-FEW = (0, 1)  # Machines of the quick test: a wheel speed with a gyro, and two scales with the speed of a receiver
+FEW = (0, 3)  # Machines of the quick tests: the speed of a receiver with a gyro, and two scales with a wheel speed
+BRIEFLY_S = 70.0
 
 
 def test_identified_values_of_random_machines_lie_in_their_intervals():
     for seed in FEW:
-        found = errors(seed, 80.0)
+        found = errors(seed, BRIEFLY_S)
         outside = {key: each for key, each in found.items() if abs(each[0]) > each[1]}
         assert len(outside) <= 1, outside
         assert all(abs(off) < 1.5 * half for off, half, _ in found.values())
@@ -25,9 +26,7 @@ def test_identified_values_of_random_machines_lie_in_their_intervals():
 
 
 def test_identifications_from_two_drives_agree_within_their_intervals():
-    one, other = (
-        calibrate([log.table], log.log_map, log.scenario).found for log in (owned(2, 80.0, again=k) for k in (0, 1))
-    )
+    one, other = (calibrated(FEW[0], BRIEFLY_S, again).found for again in (0, 1))
     for key in one.keys() & other.keys():
         assert abs(one[key].value - other[key].value) < hypot(one[key].half, other[key].half), key
 

@@ -8,7 +8,6 @@ import pyarrow.parquet as pq
 import pytest
 from machines import log_of, mistold
 
-from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.identify.model import Chassis2
 from agrobot_mj.extensions.logs.identify.vehicle import NothingExplainedError, check_stiffness, identify_vehicle
@@ -24,6 +23,9 @@ HIDDEN = {
 BICYCLE = load_scenario("straight_line", {"plant.kind": "bicycle"})
 STEADY = ("front", "rear", "offset", "delay", "backlash")
 """Without relaxation, which the simulator's bicycle does not have."""
+
+
+quickly = pytest.mark.usefixtures("quick_fit")
 
 
 def said(result):
@@ -100,6 +102,7 @@ def test_stiffness_is_not_identified_from_slow_driving():
     assert "cannot separate front and rear stiffness" in said(result)
 
 
+@quickly
 @pytest.mark.parametrize("spoil", ["sign", "noise"])
 def test_fit_that_explains_no_variance_gives_no_result(hidden, spoil):
     steer = np.asarray(hidden.signals["steer_measured"])
@@ -109,6 +112,7 @@ def test_fit_that_explains_no_variance_gives_no_result(hidden, spoil):
         identify_vehicle(hidden.signals.set_column(at, "steer_measured", pa.array(other)), None, BICYCLE, STEADY)
 
 
+@quickly
 def test_log_with_yaw_rate_as_wheel_angle_gives_no_result(hidden):
     """The column of the yaw rate is used as that of the wheel angle."""
     at = hidden.signals.column_names.index("steer_measured")
@@ -142,10 +146,22 @@ def test_logs_that_cannot_identify_the_vehicle_are_rejected(hidden):
     straight = hidden.signals.set_column(at, "steer_measured", pa.array(np.zeros(len(hidden.signals))))
     with pytest.raises(FieldLogError, match="the steering hardly moves"):
         identify_vehicle(straight, None, BICYCLE)
-    with pytest.raises(ScenarioError, match="--fit bcklash: unknown parameter; did you mean 'backlash'"):
-        identify_vehicle(hidden.signals, None, BICYCLE, ("front", "rear", "bcklash"))
 
 
+@pytest.mark.parametrize(
+    ("part", "fitted", "message"),
+    [
+        ("identify", "front,rear,bcklash", "--fit bcklash: unknown parameter; did you mean 'backlash'"),
+        ("keys", "tractor.mas_kg", "--fit tractor.mas_kg: must be a scenario key with a nonzero number"),
+    ],
+)
+def test_unknown_parameters_are_rejected_before_the_log_is_read(tmp_path, call, part, fitted, message):
+    (tmp_path / "log.csv").write_text("not a log")
+    status, _, said = call("twin", "log.csv", "--only", part, "--fit", fitted)
+    assert (status, said.startswith(message)) == (2, True)
+
+
+@quickly
 def test_identify_command_writes_a_file_and_sets_the_exit_status(hidden, tmp_path, call):
     write_log(hidden, tmp_path / "run")
     status, out, _ = call("twin", "--only", "identify", "run", "--fit", "front,rear,delay")

@@ -1,5 +1,7 @@
 """The family of readers: each file is found by what is in it, whatever it is called; one's own reader joins."""
 
+import re
+import tomllib
 from math import cos, sin
 from pathlib import Path
 from typing import Literal
@@ -213,3 +215,19 @@ def test_describe_lists_the_possible_uses_of_a_log(tmp_path, call, rows, told):
     status, out, _ = call("twin", "--describe", str(tmp_path / "x.csv"))
     assert status == 0
     assert out.splitlines()[-1].startswith(told)
+
+
+@pytest.mark.parametrize(("header", "unit"), [("time_ms", "ms"), ("t", "s"), ("Timestamp_NS", "ns")])
+def test_unknown_columns_are_described_with_rates_and_a_template(call, tmp_path, header, unit):
+    scale = {"s": 0.1, "ms": 100, "ns": 100_000_000}[unit]
+    rows = "\n".join(f"{k * scale},{400 + k}" for k in range(20))
+    (tmp_path / "log.csv").write_text(f"{header},counts\n{rows}\n,500\n")
+    status, out, _ = call("twin", "log.csv", "--describe")
+    assert status == 0
+    assert "log.csv: read as columns, 1.9 s\n" in out
+    assert re.search(r"\| counts +\| +\| +20 \| +10 \| +0\.1 \| +400 \| +500 \|", out)
+    template = tomllib.loads(out.partition("Template of a map:")[2])
+    assert template["time"] == {"column": header, "unit": unit}
+    assert set(template) == {"time", "speed", "steer", "yaw_rate", "position"}
+    (tmp_path / "log.csv").write_text("a,b\n1,2\n2,3\n")
+    assert "Template" not in call("twin", "log.csv", "--describe")[1]

@@ -1,0 +1,16 @@
+"""Fixtures for the tests of logs."""
+
+import pytest
+
+from agrobot_mj.extensions.logs.identify import fit
+
+
+@pytest.fixture
+def quick_fit(monkeypatch):
+    """Fit vehicle and sensors in one round with few noise realisations.
+
+    The values are less accurate: the fixture is for tests of rejections, texts, files and large errors.
+    """
+    monkeypatch.setattr(fit, "ROUNDS", 1)
+    monkeypatch.setattr(fit, "SHORT", 1)
+    monkeypatch.setattr(fit, "DRAWS", 3)
