@@ -6,7 +6,7 @@ from processes import bare
 from agrobot_mj.core.errors import missing_extra
 from agrobot_mj.studies import compare, report
 
-LEFT_OUT = ("rerun", "rerun_bindings", "matplotlib", "contourpy", "filterpy", "plotly")
+LEFT_OUT = ("rerun", "rerun_bindings", "matplotlib", "contourpy", "filterpy", "plotly", "shapely")
 START = "import sys; sys.modules.update(dict.fromkeys({!r})); from agrobot_mj.cli import main; main()"
 SHORT = ("--set", "duration_s=1", "--set", "plant.kind=bicycle")
 RECORDING = 'no recording: rerun-sdk is not installed; pip install "agrobot-mj[recording]"'
@@ -49,6 +49,9 @@ def test_comparison_without_extras_has_rows_but_no_figures(lean, tmp_path):
         (("view", "run.rrd", "--web"), 'a recording needs rerun; pip install "agrobot-mj[recording]"'),
         (("snapshot", "run.rrd"), 'a recording needs rerun; pip install "agrobot-mj[recording]"'),
         (("run", "circle", *SHORT, "--live"), 'a recording needs rerun; pip install "agrobot-mj[recording]"'),
+        (("field", "show", "run.rrd"), 'field show needs shapely; pip install "agrobot-mj[fields]"'),
+        (("field", "plan", "run.rrd"), 'field work needs shapely; pip install "agrobot-mj[fields]"'),
+        (("field", "run", "run.rrd"), 'field work needs shapely; pip install "agrobot-mj[fields]"'),
         (("rig", "linear", "--out", "rig"), 'a figure needs matplotlib; pip install "agrobot-mj[report]"'),
         (
             ("run", "circle", *SHORT, "--no-rrd", "--set", "estimator.kind=ukf", "--out", "ukf"),

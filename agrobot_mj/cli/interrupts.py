@@ -7,18 +7,31 @@ from typing import Any, NoReturn
 from agrobot_mj.core.interrupts import handled_by
 
 
-@contextmanager
-def stop_on_signals() -> Iterator[list[int]]:
-    """Yield a list that receives the first signal, which ends a run early. A second signal raises KeyboardInterrupt."""
-    received: list[int] = []
+class Stop:
+    """Request to end a run early. A run calls this object in each tick, and ends if the result is True."""
 
-    def handle(number: int, _frame: Any) -> None:
-        if received:
+    def __init__(self) -> None:
+        self.requested = self.running = False
+
+    def __call__(self) -> bool:
+        """Return whether a signal was received."""
+        self.running = True
+        return self.requested
+
+
+@contextmanager
+def stop_on_signals() -> Iterator[Stop]:
+    """Yield a `Stop`, which the first signal requests. A second signal, or a signal before the first tick, for example
+    during compilation, raises KeyboardInterrupt."""
+    stop = Stop()
+
+    def handle(_number: int, _frame: Any) -> None:
+        again, stop.requested = stop.requested, True
+        if again or not stop.running:
             raise KeyboardInterrupt
-        received.append(number)
 
     with handled_by(handle):
-        yield received
+        yield stop
 
 
 @contextmanager

@@ -66,6 +66,7 @@ EXTRAS = {
     "contourpy": ("recording", "a recording"),
     "matplotlib": ("report", "a figure"),
     "filterpy": ("filters", "this estimator"),
+    "shapely": ("fields", "field work"),
 }
 """Optional libraries imported at the top of modules, each with its pip extra and its purpose."""
 

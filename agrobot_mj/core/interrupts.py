@@ -88,6 +88,8 @@ class Block:
         _STATE.patient -= self.patient
         if not _STATE.blocks:
             _put_back()
+        elif self.patient and not _STATE.patient and _hangs():
+            _run_delayed()
 
 
 def held_back() -> Block:
@@ -99,7 +101,10 @@ def held_back() -> Block:
 
 
 def until_the_end() -> Block:
-    """Delay signals to the end of the block, without time limit, because some C code discards callback exceptions."""
+    """Delay signals to the end of the block, without time limit, because some C code discards callback exceptions.
+
+    At the end of the block, the handlers run if the outermost block has been open for longer than `PATIENCE_S`.
+    """
     return Block(True, patient=True)
 
 
@@ -113,6 +118,11 @@ def deliver() -> None:
     if not _STATE.blocks or _STATE.indivisible or not _in_main_thread():
         return
     _STATE.since = monotonic()
+    _run_delayed()
+
+
+def _run_delayed() -> None:
+    """Run the handlers of the delayed signals within a block."""
     if _STATE.received:
         try:
             _put_back()
@@ -121,6 +131,11 @@ def deliver() -> None:
             raise
         finally:
             _set_aside()
+
+
+def _hangs() -> bool:
+    """Return whether the outermost block has been open for longer than `PATIENCE_S`."""
+    return monotonic() - _STATE.since > PATIENCE_S
 
 
 def raised_by_handler(error: BaseException) -> bool:
@@ -134,8 +149,7 @@ def _in_main_thread() -> bool:
 
 def _keep(number: int, frame: Any) -> None:
     """Record a signal, or call its original handler if the block hangs or no block is open."""
-    hangs = not _STATE.patient and monotonic() - _STATE.since > PATIENCE_S
-    if hangs or not _STATE.replaced:
+    if (_hangs() and not _STATE.patient) or not _STATE.replaced:
         _STATE.received = [other for other in _STATE.received if other != number]
         _STATE.aside[number](number, frame)
     elif _STATE.received.count(number) < MOST_HELD:

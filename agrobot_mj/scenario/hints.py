@@ -11,6 +11,7 @@ duration of the change.
 
 from collections.abc import Iterator
 from math import ceil, degrees, floor, sqrt
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from agrobot_mj.core.contracts import without_exit
 from agrobot_mj.core.learned import read_learned
 from agrobot_mj.core.roots import root
 from agrobot_mj.core.signals import ROUNDING_S, TICK_S
+from agrobot_mj.faults.line import LineFault
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.paths.base import PathOutline
 from agrobot_mj.paths.route import SampledRoute
@@ -26,6 +28,14 @@ from agrobot_mj.paths.transition import Transitions
 from agrobot_mj.scenario.overrides import explicit_values, flat
 from agrobot_mj.scenario.schema import Scenario, on_machine
 
+SENSORS = {
+    "gyro": "gyro",
+    "wheel_speed": "wheel_speed",
+    "imu_roll": "imu",
+    "imu_pitch": "imu",
+    "heading": "gnss.dual_antenna",
+}
+"""Table of `[sensors]` with the key `enabled`, by signal line of a sensor that may be absent."""
 OTHER_LAP = 0.02
 """Maximum relative difference of lap length between learned table and path [-]. Assumed value: points every 0.25 m."""
 
@@ -40,7 +50,11 @@ def _faults(scenario: Scenario) -> Iterator[str]:
     end = scenario.ticks * TICK_S
     for k, fault in enumerate(scenario.fault):
         first = max(0, ceil((fault.start_s - ROUNDING_S) / TICK_S)) * TICK_S
-        if first >= end - ROUNDING_S:
+        sensor = SENSORS.get(fault.line) if isinstance(fault, LineFault) else None
+        if sensor and not attrgetter(sensor)(scenario.sensors).enabled:
+            absent = f"the tractor has no such sensor; set sensors.{sensor}.enabled = true"
+            yield f"fault[{k}]: {fault.kind} has no effect, because {absent}"
+        elif first >= end - ROUNDING_S:
             late = f"{fault.start_s:g} s is not before the end of the run ({end:g} s)"
             yield f"fault[{k}].start_s: {late}, so the fault has no effect"
         elif not fault.active(first):

@@ -6,8 +6,9 @@ import threading
 
 import pytest
 
+from agrobot_mj.cli.interrupts import stop_on_signals
 from agrobot_mj.core import interrupts
-from agrobot_mj.core.interrupts import deferring, deliver, held_back, raised_by_handler
+from agrobot_mj.core.interrupts import deferring, deliver, held_back, raised_by_handler, until_the_end
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGUSR1"), reason="POSIX signals")
 
@@ -111,6 +112,34 @@ def test_signal_interrupts_a_block_that_exceeds_its_time_limit(received, monkeyp
     with held_back(), pytest.raises(StoppedError):
         send(signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) is raising
+
+
+def test_delayed_signal_is_handled_after_a_compilation_in_a_slow_block(received, monkeypatch):
+    monkeypatch.setattr(interrupts, "PATIENCE_S", 0.0)
+    with held_back():
+        with until_the_end(), until_the_end():
+            send(signal.SIGUSR1)
+            assert received == []
+        assert received == [signal.SIGUSR1]
+    monkeypatch.setattr(interrupts, "PATIENCE_S", 60.0)
+    with held_back():
+        with until_the_end():
+            send(signal.SIGUSR1)
+        assert received == [signal.SIGUSR1]
+    assert received == [signal.SIGUSR1] * 2
+
+
+def test_first_signal_stops_a_running_simulation_and_cancels_its_start():
+    with stop_on_signals() as stop:
+        with pytest.raises(KeyboardInterrupt):
+            send(signal.SIGINT)
+        assert stop(), "also if the exception was discarded"
+    with stop_on_signals() as stop:
+        assert not stop()
+        send(signal.SIGINT)
+        assert stop()
+        with pytest.raises(KeyboardInterrupt):
+            send(signal.SIGINT)
 
 
 def test_signals_are_not_delayed_in_other_threads(received):

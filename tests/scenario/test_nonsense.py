@@ -1,6 +1,5 @@
 """Implausible values are rejected with key, value and limit, or reported; costly inputs are counted first."""
 
-import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +7,7 @@ import pytest
 from removed import is_there
 
 import agrobot_mj
-from agrobot_mj import cli, load_scenario, run
+from agrobot_mj import load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.geometry import in_polygon
 from agrobot_mj.scenario.hints import hints
@@ -80,6 +79,23 @@ def test_fault_outside_the_duration_of_the_run_is_reported(window, said):
     assert bool(run(short).column("faults_active").any()) == (said is None)
 
 
+@pytest.mark.parametrize(
+    ("kind", "sensor"),
+    [
+        ("gyro_bias", "gyro"),
+        ("wheel_speed_stuck", "wheel_speed"),
+        ("imu_roll_stuck", "imu"),
+        ("heading_bias", "gnss.dual_antenna"),
+    ],
+)
+def test_fault_of_an_absent_sensor_is_reported(kind, sensor):
+    faulty = load_scenario("circle", {"fault": [{"kind": kind, "start_s": 1.0}]})
+    (line,) = hints(faulty)
+    assert line.startswith(f"fault[0]: {kind} has no effect")
+    assert f"sensors.{sensor}.enabled = true" in line
+    assert hints(faulty.changed({f"sensors.{sensor}.enabled": True})) == []
+
+
 @pytest.mark.parametrize(("latency_s", "told"), [(1.0, True), (0.5, False)])
 def test_hint_reports_fix_latency_above_the_limit_of_the_supervisor(latency_s, told):
     late = {"supervisor.enabled": True, "sensors.gnss.latency_s": latency_s}
@@ -87,17 +103,11 @@ def test_hint_reports_fix_latency_above_the_limit_of_the_supervisor(latency_s, t
     assert [line.startswith("supervisor.coasting_after_s: 0.6 s") for line in found] == ([True] if told else [])
 
 
-def test_run_command_prints_hints_on_stderr(monkeypatch, capsys, tmp_path):
+def test_run_command_prints_hints_on_stderr(call):
     fault = ("--set", "fault=[{kind='gnss_loss', start_s=60.0}]", "--set", "plant.kind=bicycle")
-    arguments = ["run", "circle", "--no-rrd", "--set", "duration_s=1", *fault, "--out", str(tmp_path / "out")]
-    monkeypatch.setattr(sys, "argv", ["agrobot-mj", *arguments])
-    with pytest.raises(SystemExit) as leaving:
-        cli.main()
-    assert leaving.value.code == 0
-    assert (
-        capsys.readouterr().err
-        == "circle: fault[0].start_s: 60 s is not before the end of the run (1 s), so the fault has no effect\n"
-    )
+    status, _, err = call("run", "circle", "--no-rrd", "--set", "duration_s=1", *fault, "--out", "out")
+    late = "circle: fault[0].start_s: 60 s is not before the end of the run (1 s), so the fault has no effect\n"
+    assert (status, err) == (0, late)
 
 
 SEEDS = ("--max-seeds", 2)

@@ -145,7 +145,7 @@ def _check(options: "LinkOptions", given: tuple[str, dict[str, Any], list[str] |
     print_hints([scenario], quiet)
     with stop_on_signals() as stopped:
         try:
-            found = check(scenario, options, lambda: bool(stopped))
+            found = check(scenario, options, stopped)
         except NotBegunError as error:
             return Answer({"scenario": scenario.name}, "", str(error))
     return Answer({"scenario": scenario.name, "link": found.block, "check": found.lines}, "\n".join(found.lines))
@@ -178,7 +178,7 @@ def _drive(
     watchers = recordings(folder, options.recorded, options.live)
     with results(folder, files_of_run(scenario)), stop_on_signals() as stopped:
         try:
-            log = drive(scenario, folder, options, watchers, lambda: bool(stopped))
+            log = drive(scenario, folder, options, watchers, stopped)
         except NotBegunError as error:
             remove(folder, [RECORDING])
             return Answer({"scenario": scenario.name}, "", str(error))
