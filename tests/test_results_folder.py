@@ -15,6 +15,7 @@ import pytest
 from removed import is_there
 
 from agrobot_mj import cli, load_scenario, run
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.recording import Recording
 from agrobot_mj.recording.transport import sink, snapshot
 from agrobot_mj.scenario.overrides import relocate_files
@@ -344,3 +345,16 @@ def test_pipe_as_input_file_is_rejected_without_waiting(call, arguments):
     os.mkfifo("pipe.toml")
     status, err = call(*arguments)
     assert (status, "pipe.toml: is not a regular file" in err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("written", "named", "other"),
+    [("signals.parquet", "a run", "sweep.parquet"), ("sweep.parquet", "a comparison or a sweep", "signals.parquet")],
+)
+def test_results_of_a_run_and_of_a_sweep_do_not_share_a_folder(tmp_path, written, named, other):
+    with results(tmp_path / "out", (written,)) as folder:
+        write_json(folder / written, {})
+    with pytest.raises(ScenarioError, match=f"contains {named} .*delete the folder"), results(folder, (other,)):
+        pass
+    with results(folder, (written,)), results(folder / "inner", (other,)):
+        pass

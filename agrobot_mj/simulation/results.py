@@ -24,6 +24,8 @@ from agrobot_mj.core.locks import locked
 MARK = ".agrobot-mj"  # File name of the mark: a comment line, then one name per line
 HEAD = "# agrobot_mj wrote the files listed here and may replace them; all other files in this folder are kept."
 PATIENCE_S = 60.0  # Maximum time to wait for another process that prepares a shared folder [s]
+MAIN_FILES = {"signals.parquet": "a run", "sweep.parquet": "a comparison or a sweep"}
+"""Type of the results in a folder, by the name of their main file."""
 _STALE = re.compile(r"\.(?P<name>.+)\.[0-9a-z_]{8}(?P<part>\.part)?")
 """Pattern of the names of temporary files, including the names used by earlier versions."""
 
@@ -70,7 +72,14 @@ def check_folder(folder: Path, names: Iterable[str] = ()) -> None:
             f"{folder}: the folder contains files that agrobot-mj did not write; specify another folder, or allow "
             f"agrobot-mj to write its results into this one with: touch {shlex.quote(str(folder / MARK))}"
         )
-    check_names(folder, names)
+    check_names(folder, names := tuple(names))
+    main = MAIN_FILES.keys() & set(names)
+    for name in sorted(MAIN_FILES.keys() & (owned(folder) or set()) - main):
+        if main and (folder / name).exists() and (folder / MARK).stat().st_size:
+            raise ScenarioError(
+                f"{folder}: the folder contains {MAIN_FILES[name]} ({name}); delete the folder, or specify another one "
+                "with --out"
+            )
 
 
 def claim(folder: Path, names: Iterable[str]) -> None:
