@@ -32,7 +32,7 @@ from agrobot_mj.control.base import Situation
 from agrobot_mj.control.deviation import STEEP, CommandLimits, Followed, PathDeviation, Situated, deviated_on, followed
 from agrobot_mj.control.following import Integrating
 from agrobot_mj.core.held import Held
-from agrobot_mj.core.kernels import fetched, jit, shared, stage
+from agrobot_mj.core.kernels import copy_into, fetched, jit, shared, stage
 from agrobot_mj.core.signals import TICK_S, Array, Matrix, Reference, Vector
 from agrobot_mj.core.spec import Latency, Positive
 from agrobot_mj.machine.tractor import TractorParameters
@@ -94,7 +94,7 @@ def steering(
     far = abs(limits[0] * direct[1] / direct[0])
     errors[0] = min(max(deviation.cross_track, -far), far)
     errors[1], errors[2] = deviation.heading, steer - deviation.bias - deviation.steer_here
-    errors[3:] = memory.delayed
+    copy_into(errors[3:], memory.delayed)
     feedback = moved = 0.0
     for i in range(n - 1):
         feedback += direct[i] * errors[i]

@@ -29,7 +29,7 @@ from agrobot_mj.control.evidence import Sensed
 from agrobot_mj.control.sums import Sums, Vehicle, heading_of, summed
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.held import Held
-from agrobot_mj.core.kernels import fetched, held, jit, stage
+from agrobot_mj.core.kernels import copy_into, fetched, held, jit, stage
 from agrobot_mj.core.signals import Fix, Matrix, Quality, Vector
 from agrobot_mj.machine.implements import TowedImplement
 from agrobot_mj.machine.tractor import TractorParameters
@@ -157,10 +157,14 @@ def _renewed(r: References, t: float) -> References:
     means, P, begun, kept = np.zeros((n + 1, 7)), np.zeros((n + 1, 7, 7)), np.zeros(n + 1), 0
     for k in range(n):
         if k == 0 or t - r.begun[k] < MEMORY_S:
-            means[kept], P[kept], begun[kept] = r.means[k], r.covariances[k], r.begun[k]
+            copy_into(means[kept], r.means[k])
+            copy_into(P[kept], r.covariances[k])
+            begun[kept] = r.begun[k]
             kept += 1
     if t - begun[kept - 1] > RENEWAL_S:
-        means[kept], P[kept], begun[kept] = r.means[0], r.covariances[0], t
+        copy_into(means[kept], r.means[0])
+        copy_into(P[kept], r.covariances[0])
+        begun[kept] = t
         kept += 1
     return References(means[:kept], P[:kept], begun[:kept])
 

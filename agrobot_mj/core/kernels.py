@@ -39,6 +39,16 @@ for _name in ("wrap", "to_heading", "from_heading", "along_arc", "to_level", "to
     shared(getattr(geometry, _name))
 
 
+@shared
+def copy_into(target: Any, source: Any) -> None:
+    """Write the elements of an array to an array of the same shape, which is not checked.
+
+    This loop compiles faster than an assignment to a slice, whose error for different shapes takes 2 s to compile.
+    """
+    for k in range(source.size):
+        target.flat[k] = source.flat[k]
+
+
 def jit(function: F) -> F:
     """Compile `function` with numba on its first call."""
     return _compiled(function)

@@ -13,7 +13,7 @@ import numpy as np
 
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.held import Held
-from agrobot_mj.core.kernels import fetched, held, jit, stage
+from agrobot_mj.core.kernels import copy_into, fetched, held, jit, stage
 from agrobot_mj.core.levelling import SmoothedTilt
 from agrobot_mj.core.signals import NO_FIX, Estimate, Fix, Matrix
 from agrobot_mj.estimation.base import Health, Readings, largest_sigma
@@ -137,7 +137,7 @@ def estimated(
     tilt = SmoothedTilt(roll, pitch, 0.0, 0.0) if first else tilt.after(roll, pitch, dt)
     n, gyro = waiting.shape[0], tilt.heading_rate(m.gyro, s.body)
     queue = np.zeros((n + 1, 8))
-    queue[:n] = waiting
+    copy_into(queue[:n], waiting)
     for k, value in enumerate((m.t, gyro, m.wheel, m.steer, tilt.roll, tilt.pitch, roll, pitch)):
         queue[n, k] = value
     for k in range(ticks):

@@ -175,9 +175,8 @@ class Reception(NamedTuple):
         An invalid fix counts as missing. The last valid value replaces an invalid steering angle or pedal position.
         Raises `NotFiniteError` if the invalid number comes from the plant or from a fault.
         """
-        plant = f"the plant ({s.plant.kind})"
         if not (suite.plain and conditions is NOMINAL):
-            STATE.check(fetched(truth), plant)
+            STATE.check(fetched(truth), f"the plant ({s.plant.kind})")
         if conditions is not NOMINAL:
             CONDITIONS.check(conditions, f"a fault ({', '.join(fault.kind for fault in s.fault)})")
         sensors, measured = suite.measure(self.sensors, truth, conditions)
@@ -185,7 +184,7 @@ class Reception(NamedTuple):
         sound = fix is None or _possible(fix)
         if sound and sensors.sound and isfinite(steer + pedal) and inf not in map(abs, optional):
             return Reception(sensors, steer, pedal, self.rejected), measured
-        SAMPLED_STATE.check(fetched(truth), plant)
+        SAMPLED_STATE.check(fetched(truth), f"the plant ({s.plant.kind})")
         changes: dict[str, Any] = {} if sound else {"fix": None, "quality": Quality.NONE}
         for name in ("steer", "pedal"):
             if not isfinite(getattr(measured, name)):

@@ -52,14 +52,10 @@ class Watch:
         if hypot(truth.x - at.x, truth.y - at.y) > STUCK_M:
             at = Standstill(truth.x, truth.y)
         tries = max(abs(truth.pedal), abs(asked)) >= STUCK_PEDAL
-        at = self.standstill = Standstill(
-            at.x,
-            at.y,
-            tried_s=at.tried_s + TICK_S if tries else 0.0,
-            waited_s=at.waited_s + TICK_S if led else 0.0,
-            distance=at.distance if at.waited_s else distance,
-        )
-        return at.tried_s > STUCK_S or (at.waited_s > STUCK_S and distance - at.distance > LEFT_M)
+        tried_s, waited_s = at.tried_s + TICK_S if tries else 0.0, at.waited_s + TICK_S if led else 0.0
+        since = at.distance if at.waited_s else distance
+        self.standstill = Standstill(at.x, at.y, tried_s, waited_s, since)
+        return tried_s > STUCK_S or (waited_s > STUCK_S and distance - since > LEFT_M)
 
 
 def past_end(path: ReferencePath, truth: Here) -> bool:

@@ -227,6 +227,7 @@ class MujocoPlant(RunningPlant):
         points = ((hung.antenna or ON_TRACTOR), hung.working_place) if hung else (ON_TRACTOR, NOWHERE)
         found: tuple[Truth, TractorMotion] = self._observe(self.rig, self.samples, t, radius, *points)
         self.seen, self.motion = found
+        self._trouble = self._found_trouble()
 
     def _apply_conditions(self, conditions: Conditions) -> None:
         self.chassis.carry(conditions.payload)
@@ -322,6 +323,9 @@ class MujocoPlant(RunningPlant):
 
     def trouble(self) -> str | None:
         """Return the outcome that ends the run (rolled_over, jackknifed, left_terrain or diverged), or None."""
+        return self._trouble
+
+    def _found_trouble(self) -> str | None:
         if self.motion.fastest > DIVERGED_SPEED:
             return "diverged"
         if self._fallen:
