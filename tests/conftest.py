@@ -6,13 +6,13 @@ import os
 import signal
 import sys
 from functools import cache
-from importlib import import_module
 from math import inf
 
 import pytest
 import typer.main
 from hypothesis import settings
 from json_documents import COMMON
+from processes import omit_figures
 
 from agrobot_mj import __version__, cli
 from agrobot_mj.core import identity
@@ -82,7 +82,7 @@ def call(monkeypatch, capsys, tmp_path):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Omit the figures of comparisons, which take one second per comparison and are checked by other tests."""
-    monkeypatch.setattr(import_module("agrobot_mj.studies.report"), "write_figures", lambda runs, folder: [])
+    omit_figures(monkeypatch)
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ of pools start Python, which takes one to four seconds of processor time.
 
 import atexit
 import contextlib
+import importlib
 import io
 import json
 import os
@@ -142,6 +143,11 @@ def in_process(arguments):
         sys.argv = given
     assert not leaving.value.code, arguments
     return output.getvalue()
+
+
+def omit_figures(patch):
+    """Omit the figures of comparisons, which take one second per comparison and are checked by other tests."""
+    patch.setattr(importlib.import_module("agrobot_mj.studies.report"), "write_figures", lambda runs, folder: [])
 
 
 def program(folder, code, *arguments):

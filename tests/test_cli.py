@@ -230,7 +230,12 @@ def test_run_with_its_expected_outcome_gives_exit_status_0(call, undrawn):
     status, _, err = call("run", "circle", *QUICK, *expected, "--out", "other")
     assert status == 1
     assert "completed; expected_outcome is left_terrain" in err
-    assert call("compare", "straight_line", "--controllers", "pd", "--plants", "bicycle", *off, *expected)[0] == 0
+    assert (
+        call("compare", "straight_line", "--controllers", "pd", "--plants", "bicycle", *off, *expected, "--out", "all")[
+            0
+        ]
+        == 0
+    )
 
 
 @pytest.mark.parametrize(
@@ -522,3 +527,13 @@ def test_usage_error_shortens_long_arguments(call, arguments):
     assert status == 2
     assert "xxx" in said
     assert len(said) < 5000
+
+
+@pytest.mark.parametrize(
+    ("value", "problem"),
+    [("two", "a whole number, got 'two'"), ("1e3", "a whole number, got '1e3'"), ("0", "at least 1, got 0")],
+)
+def test_invalid_number_of_an_option_is_quoted_in_the_message(call, value, problem):
+    status, _, said = call("compare", "circle", "--seeds", value)
+    assert status == 2
+    assert f"Invalid value for '--seeds': must be {problem}" in said

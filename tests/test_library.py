@@ -9,7 +9,7 @@ from agrobot_mj.recording import Recording
 from agrobot_mj.scenario.loading import load_scenario, scenario_files
 from agrobot_mj.simulation.run import run
 
-BRIEFLY_S = 8.0
+BRIEFLY_S = 4.0
 
 
 def check(log):

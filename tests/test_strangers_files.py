@@ -165,8 +165,18 @@ LIGHT = [case for case in CASES if case[0] not in ("rig", "tune", "play")]
 """Commands that take a few seconds and do not start the viewer, which needs a separate process."""
 
 
-@pytest.mark.parametrize(("name", "arguments"), LIGHT, ids=lambda part: part if isinstance(part, str) else "-")
-@pytest.mark.parametrize("marked", [HEAD, "", f"{HEAD}\n" + "\n".join((*NAMES, "rows", "runs", "images"))])
+ALL_NAMES = f"{HEAD}\n" + "\n".join((*NAMES, "rows", "runs", "images"))
+OTHERS = [
+    pytest.param(*case, marked, id=f"{case[0]}-{name}", marks=[] if k % 4 == turn else [pytest.mark.slow])
+    for marked, name, turn in ((HEAD, "no names", 0), ("", "empty", 2))
+    for k, case in enumerate(LIGHT)
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "marked"),
+    [*(pytest.param(*case, ALL_NAMES, id=f"{case[0]}-all names") for case in LIGHT), *OTHERS],
+)
 def test_links_in_a_results_folder_are_not_followed(call, sources, place, name, arguments, marked):
     """Whoever made the folder: all that we would write is a link to somewhere else."""
     folder, away = place / "shared", place / "away"

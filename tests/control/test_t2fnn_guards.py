@@ -257,7 +257,7 @@ def _assert_bounds(network: T2Fnn, outside: bool, patterns: list[str], seed: int
         assert 0 <= state.q <= 1
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
 @given(NETWORKS, st.booleans(), PATTERNS, st.integers(0, 2**32))
 def test_adversarial_inputs_keep_parameters_within_bounds(
     network: T2Fnn, outside: bool, patterns: list[str], seed: int

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from processes import free_ports, in_process
+from processes import free_ports, in_process, omit_figures
 from removed import needs_all
 from test_commands import SHORT
 
@@ -50,6 +50,7 @@ def walk(tmp_path_factory):
         (folder / name).write_text(content, encoding="utf-8")
     with contextlib.chdir(folder), pytest.MonkeyPatch.context() as patch:
         patch.setattr("agrobot_mj.studies.engine.workers.cores", lambda: 1)
+        omit_figures(patch)
         for verb, *rest in COMMANDS:
             if verb != "link":
                 said[verb] = in_process([verb, *rest, *shlex.split(QUICKER.get(verb, ""))])

@@ -61,10 +61,8 @@ def test_tyre_sensor_and_metric_plugins_shown_on_the_page_run(folder):
         driven = line.split()[1] == "run"
         short = ["--set", "duration_s=1", "--set", "plant.settle_s=0.1"] if driven else []
         words = [*line.split()[1:], *short]
-        if driven and "brush" not in line:
-            done = command(folder, *words)
-        else:
-            done = python(folder, "-m", "agrobot_mj", *words, separate=not driven)
+        plain = driven and "brush" in line
+        done = python(folder, "-m", "agrobot_mj", *words) if plain else command(folder, *words)
         assert (done.returncode, done.stderr) == (0, ""), line
     assert (folder / "runs" / "rig-brush" / "curves.parquet").is_file()
     signals = {name: pq.read_table(folder / f"mine-{name}" / "signals.parquet") for name in ("brush", "accelerometer")}

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from processes import command, free_ports, in_process
+from processes import command, free_ports, in_process, omit_figures
 from removed import needs_all
 from told import without_progress
 
@@ -61,6 +61,8 @@ def walk(request, tmp_path_factory):
     said, before = [], Path.cwd()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("agrobot_mj.studies.engine.workers.cores", lambda: 1)
+        if not full:
+            omit_figures(patch)
         try:
             os.chdir(folder)
             said = [executed(arguments, durations) for arguments in COMMANDS]
@@ -103,6 +105,7 @@ def test_demo_command_compares_four_runs(tmp_path, monkeypatch):
     (line,) = re.findall(r"-m agrobot_mj (compare .*) --out", (ROOT / "Makefile").read_text(encoding="utf-8"))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("agrobot_mj.studies.engine.workers.cores", lambda: 1)
+    omit_figures(monkeypatch)
     said = in_process([*line.split(), "--set", "duration_s=1", "--out", "demo"])
     assert said.count("completed") == 4
     assert (tmp_path / "demo" / "mujoco-pd_t2fnn-s1" / "run.rrd").stat().st_size > 10_000

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from turns import by_turns
 
 from agrobot_mj.metrics.crosstrack import track
 from agrobot_mj.paths import Contour, LaneChange, Sinusoid, Swaths, Waypoints
@@ -28,6 +29,9 @@ def fine_way(path: Any) -> tuple[Any, Any]:
     return fine, np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points[:, :2], axis=0).T))))
 
 
+LAGS = (0.0, -2.5, 1.5)  # Distance ahead of the reference [m]
+
+
 @cache
 def points_ahead(path: Any, ahead: Any) -> tuple[Any, Any]:
     """Return ticks and the reference points `ahead` metres along the path from the reference of each tick."""
@@ -43,8 +47,7 @@ def points_beside(path: Any, ahead: Any, left: Any) -> tuple[Any, Any, Any]:
     return t, r[:, 0] - left * np.sin(r[:, 4]), r[:, 1] + left * np.cos(r[:, 4])
 
 
-@pytest.mark.parametrize("path", PATHS, ids=repr)
-@pytest.mark.parametrize("ahead", [0.0, -2.5, 1.5])
+@pytest.mark.parametrize(("path", "ahead"), by_turns([pytest.param(path, id=repr(path)) for path in PATHS], LAGS))
 def test_cross_track_error_of_a_constant_offset_is_independent_of_lag(path: Any, ahead: float) -> None:
     for left in (-0.8, 0.45):
         t, x, y = points_beside(path, ahead, left)

@@ -35,7 +35,7 @@ class Killed(Recording):
             os.kill(os.getpid(), signal.SIGKILL)
 
 import_module("agrobot_mj.simulation.run").REPORT_S = 1e9  # no earlier pieces on a busy machine
-run(load_scenario("straight_line", {"duration_s": 150}), (Killed(Path(sys.argv[1])),))
+run(load_scenario("straight_line", {"duration_s": 150, "plant.kind": "bicycle"}), (Killed(Path(sys.argv[1])),))
 """
 
 

@@ -5,9 +5,11 @@ import time
 import pytest
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation import progress
 from agrobot_mj.simulation.log import Rows
 from agrobot_mj.simulation.progress import span, tally
+from agrobot_mj.simulation.run import run
 
 
 @pytest.fixture
@@ -112,3 +114,10 @@ def test_run_command_prints_the_elapsed_time_only_while_it_starts(call, monkeypa
         2,
         ["circle: starting, which compiles the first time: 0 s", "circle: stopped"],
     )
+
+
+@pytest.mark.parametrize(("between", "lines"), [(0.0, ["circle: 100 % simulated"]), (1e6, [])])
+def test_long_single_run_in_a_pipe_prints_the_simulated_fraction(monkeypatch, capsys, between, lines):
+    monkeypatch.setattr(progress, "SILENCE_S", between)
+    run(load_scenario("circle", {"plant.kind": "bicycle", "duration_s": 1.0}), (progress.Progress(),))
+    assert capsys.readouterr().err.splitlines()[-1:] == lines

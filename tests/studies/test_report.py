@@ -59,7 +59,10 @@ def curves(figure: Figure) -> list[Any]:
     return [line for axes in figure.axes for line in axes.lines if len(line.get_xdata()) > 2]
 
 
-@pytest.mark.parametrize("path", [CIRCLE, FigureEight(speed_m_s=5)], ids=["circle", "eight"])
+EIGHT = pytest.param(FigureEight(speed_m_s=5), id="eight", marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("path", [pytest.param(CIRCLE, id="circle"), EIGHT])
 def test_each_figure_of_the_paper_is_written_as_a_nonempty_image(path: Any, tmp_path: Path) -> None:
     files = write_figures(runs(path), tmp_path)
     assert [file.name for file in files] == [f"{name}.png" for name in NAMES]

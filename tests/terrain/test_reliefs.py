@@ -111,16 +111,15 @@ def test_bump_below_the_right_wheels_lifts_only_these_wheels():
     assert seen[np.argmax(seen[:, 1, 2]), 1, 0] == pytest.approx(4.0, abs=0.1)
 
 
-@pytest.mark.parametrize("tyre", force_tyres(), ids=lambda tyre: tyre.kind)
-@pytest.mark.parametrize(
-    ("terrain", "speed", "ripple"),
-    [
-        (Rough(iso_class="E", half_size_m=30.0), 1.5, 0.6),
-        (Rough(iso_class="E", half_size_m=30.0, node_m=0.25), 1.5, 0.6),
-        (Ridges(depth_m=0.2, spacing_m=3.0, half_size_m=30.0), 1.0, 0.5),
-    ],
-    ids=["E", "E coarse", "ridges"],
-)
+TYRES = sorted((pytest.param(tyre, id=tyre.kind) for tyre in force_tyres()), key=lambda tyre: tyre.id != "linear")
+ROUGH_GROUNDS = [
+    pytest.param(Rough(iso_class="E", half_size_m=30.0), 1.5, 0.6, id="E"),
+    pytest.param(Rough(iso_class="E", half_size_m=30.0, node_m=0.25), 1.5, 0.6, id="E coarse"),
+    pytest.param(Ridges(depth_m=0.2, spacing_m=3.0, half_size_m=30.0), 1.0, 0.5, id="ridges"),
+]
+
+
+@pytest.mark.parametrize(("tyre", "terrain", "speed", "ripple"), by_turns(TYRES, ROUGH_GROUNDS))
 def test_tyres_remain_stable_on_rough_ground(tyre, terrain, speed, ripple):
     """Loads stay near the static ones, and the tractor keeps its speed."""
     plant, truth = mujoco_plant(tyre, terrain)
@@ -139,7 +138,6 @@ def test_tyres_remain_stable_on_rough_ground(tyre, terrain, speed, ripple):
 
 STEEP = {profile: Ridges(depth_m=0.2, half_size_m=30.0, profile=profile) for profile in ("sine", "flat")}
 """Furrows with flanks of 40 degrees, too narrow for the wheels: about what the grip can climb."""
-TYRES = sorted((pytest.param(tyre, id=tyre.kind) for tyre in force_tyres()), key=lambda tyre: tyre.id != "linear")
 PROFILES_AND_TYRES = [pytest.param(p, *tyre.values, id=f"{p}-{tyre.id}") for p, tyre in product(STEEP, TYRES)]
 SPEEDS_AND_STARTS = [pytest.param(speed, x) for speed, x in ((1.5, 0.0), (5.0, 0.1), (1.5, 0.1), (5.0, 0.0))]
 """Pedal [m/s], and where the tractor starts across them [m]."""

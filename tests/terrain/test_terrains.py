@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 from pydantic import TypeAdapter
+from turns import by_turns
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
@@ -23,6 +24,8 @@ from agrobot_mj.tyres import Contact, MagicFormula
 TERRAINS = every(Terrain)
 GENERATED = [terrain for terrain in TERRAINS if issubclass(terrain, Generated)]
 TILTED = [terrain for terrain in TERRAINS if "grade_deg" in terrain.model_fields]
+TYRES = [pytest.param(tyre(), id=tyre.__name__) for tyre in (MagicFormula, Contact)]
+TERRAINS_AND_TYRES = by_turns([pytest.param(kind, id=kind.__name__) for kind in TERRAINS], TYRES)
 SMALL = {"half_size_m": 10.0}
 
 
@@ -241,8 +244,7 @@ def test_mujoco_height_field_equals_the_terrain_grid(terrain):
         assert height_and_gradient(ground, x, y)[0] == pytest.approx(ground.heights[row, column], abs=1e-9)
 
 
-@pytest.mark.parametrize("tyre", [MagicFormula(), Contact()], ids=lambda tyre: tyre.kind)
-@pytest.mark.parametrize("kind", TERRAINS)
+@pytest.mark.parametrize(("kind", "tyre"), TERRAINS_AND_TYRES)
 def test_one_second_of_extreme_driving_gives_no_physics_warning(kind, tyre):
     keys = {"x_m": 0.5} if kind is Bumps else {}
     plant, _ = mujoco_plant(tyre, small(kind, **keys), settle_s=0.5)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from turns import by_turns
 
 from agrobot_mj.core.spec import every
 from agrobot_mj.machine.tractor import TractorParameters
@@ -35,8 +36,10 @@ def steady(tyre, on, slip_x=0.0, slip_y=0.0, x=0.0, grip=1.0, share=1.0):
     return report
 
 
-@pytest.mark.parametrize("where", ["patch", "fault"])
-@pytest.mark.parametrize("tyre", [MagicFormula(), Soil()], ids=lambda tyre: tyre.kind)
+@pytest.mark.parametrize(
+    ("tyre", "where"),
+    by_turns([pytest.param(tyre, id=tyre.kind) for tyre in (MagicFormula(), Soil())], ["patch", "fault"]),
+)
 def test_ground_friction_scales_peak_force_but_not_slip_stiffness(tyre, where):
     dry, grip = Flat().ground(), 0.5
     wet = ground(friction=grip) if where == "patch" else dry

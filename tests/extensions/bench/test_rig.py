@@ -1,5 +1,6 @@
 """The tyre rig: what it shows of each law, of MuJoCo's own contact, and what it leaves on disk."""
 
+from importlib import import_module
 from math import exp, radians, tan
 
 import numpy as np
@@ -127,7 +128,11 @@ def test_load_below_the_wheel_weight_is_rejected(towed):
 def done(tmp_path_factory):
     folder = tmp_path_factory.mktemp("rig")
     (folder / "firm.toml").write_text('[plant.tyre]\nkind = "magic_formula"\ncarcass_lateral = 0.3\n')
-    files = rig_command(str(folder / "firm.toml"), folder / "out")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            import_module("agrobot_mj.extensions.bench.rig.sweep"), "CREEP_DEG", (0.0, 0.1, 0.5, 1.5)
+        )  # fewer runs of MuJoCo
+        files = rig_command(str(folder / "firm.toml"), folder / "out")
     return files, pq.read_table(folder / "out" / "curves.parquet")
 
 

@@ -10,8 +10,9 @@ from agrobot_mj import Simulation, load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.extensions.links.cmd_vel import CmdVel, VelocityRequest
+from agrobot_mj.extensions.links.ros2 import session
 from agrobot_mj.extensions.links.ros2.node import VelocityMessage, problem_of
-from agrobot_mj.extensions.links.ros2.session import ASK_TURNS, SENSORS, NoProgramError, RosOptions, run_over
+from agrobot_mj.extensions.links.ros2.session import SENSORS, NoProgramError, RosOptions, run_over
 
 KEYS = {"guidance.kind": "cmd_vel", "plant.kind": "bicycle", "duration_s": 2.0, **SENSORS}
 LOCK_STEP = RosOptions("lock_step", wait_s=0.2)
@@ -93,9 +94,10 @@ def test_missing_command_program_is_reported():
         driven(lambda _: None)
 
 
-def test_error_names_publishers_of_the_wrong_message_type():
+def test_error_names_publishers_of_the_wrong_message_type(monkeypatch):
+    monkeypatch.setattr(session, "ASK_TURNS", 10)
     told, program = [], Program(lambda _: None, ["geometry_msgs/msg/TwistStamped"])
-    options = LOCK_STEP._replace(wait_s=(ASK_TURNS + 2) * TICK_S, notify=told.append)
+    options = LOCK_STEP._replace(wait_s=12 * TICK_S, notify=told.append)
     expected = (
         r"the publishers send geometry_msgs/TwistStamped, but the node expects geometry_msgs/Twist; add --stamped"
     )
@@ -170,8 +172,8 @@ def test_tractor_without_requests_stops_in_a_real_time_run():
     answers = iter(range(20))
     options = RosOptions("real_time", wait_s=1.0)
     began = time.perf_counter()
-    log, _ = driven(lambda _: (1.0, 0.0) if next(answers, None) is not None else None, options, **{"duration_s": 3.0})
-    assert time.perf_counter() - began > 2.9
+    log, _ = driven(lambda _: (1.0, 0.0) if next(answers, None) is not None else None, options, **{"duration_s": 2.0})
+    assert time.perf_counter() - began > 1.9
     assert log.outcome == "completed"
     t, age, wanted = (log.column(name) for name in ("t", "cmd_age", "speed_ref"))
     assert (wanted[age < 0.5] == 1.0).all()

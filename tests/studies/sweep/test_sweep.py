@@ -282,7 +282,8 @@ def test_failed_run_is_recorded_and_worker_processes_load_plugins(tmp_path):
     assert "of which 2 did not end as expected" in out
     assert without_progress(err) == "2 runs raised an error; see the column `error` of sweep.parquet\n"
     (tmp_path / "nasty.py").write_text(PLUGIN + "# changed\n")
-    again = processes.command(tmp_path, "sweep", "mine.toml", "--plugin", "nasty.py", "--out", "out")
+    again = processes.command(tmp_path, "sweep", "mine.toml", "--plugin", "nasty.py", "--out", "out", "--jobs", "1")
+    assert again.returncode == 3, "the third run ends this process"
     assert again.stderr.startswith("out: rows with another identity are run again: 3 with other plugins\n")
 
 
@@ -427,19 +428,20 @@ def _written(path, text):
     return path
 
 
-def test_resumed_sweep_does_not_repeat_two_thousand_finished_runs(tmp_path, call):
+@pytest.mark.parametrize("count", [400, pytest.param(2000, marks=pytest.mark.slow)])
+def test_resumed_sweep_does_not_repeat_hundreds_of_finished_runs(tmp_path, call, count):
     short = '[set]\nduration_s = 1\n"plant.kind" = "bicycle"\n'
-    text = f'base = "figure_eight"\n{short}[axes]\n"path.speed_m_s" = {{ from = 0.5, to = 1.5, count = 2000 }}\n'
+    text = f'base = "figure_eight"\n{short}[axes]\n"path.speed_m_s" = {{ from = 0.5, to = 1.5, count = {count} }}\n'
     (tmp_path / "mine.toml").write_text(text)
     row = {"outcome": "completed", "expected": True, "error": None, **{f"metric_{k}": k / 7 for k in range(25)}}
-    call("mine.toml", "--shard", "2000/2000", "--out", "out", "--jobs", 1)
+    call("mine.toml", "--shard", f"{count}/{count}", "--out", "out", "--jobs", 1)
     folder, plan = tmp_path / "out", SweepPlan(read_sweep("mine.toml"))
     store = Store(folder, plan)
-    for number in range(1999):
+    for number in range(count - 1):
         store.write_row(store.asked(plan.task(number)), row)
     found = run_sweep("mine.toml", folder, SweepOptions(quiet=True))
-    assert (found.before, found.new) == (2000, 0)
-    assert pq.read_metadata(folder / "sweep.parquet").num_rows == 2000
+    assert (found.before, found.new) == (count, 0)
+    assert pq.read_metadata(folder / "sweep.parquet").num_rows == count
 
 
 def test_sweep_help_lists_every_option():

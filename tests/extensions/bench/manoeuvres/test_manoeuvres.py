@@ -23,6 +23,27 @@ SOME_TYRES = {
 one tyre has a reference load."""
 
 
+SHORTER = {
+    "antenna_lean": {"DRIVE_S": 70.0, "SETTLED_S": 20.0},
+    "closed_motions": {"BRIEFLY": 30},
+    "energy": {"BRIEFLY_S": 2.5},
+    "machines": {"DRIVE_S": 80.0, "SETTLED_S": 20.0},
+    "parking": {"BRIEFLY_S": 20.0},
+    "side_slope": {"GRADES_DEG": (5.0, 15.0)},
+    "soak": {"BRIEFLY_S": 10.0},
+    "standing": {"BRIEFLY_S": 10.0, "DRIFT_MM": 0.3},
+}
+"""Constants of the manoeuvres that are shorter than in the quick suite, by module."""
+
+
+@pytest.fixture
+def _shorter(monkeypatch):
+    for module, constants in SHORTER.items():
+        for name, value in constants.items():
+            monkeypatch.setattr(f"agrobot_mj.extensions.bench.manoeuvres.{module}.{name}", value)
+
+
+@pytest.mark.usefixtures("_shorter")
 @pytest.mark.parametrize("name", MANOEUVRES)
 def test_quick_manoeuvre_results_are_within_their_acceptance_limits(name):
     found = Trial(name, quick=True).drive(MANOEUVRES[name])

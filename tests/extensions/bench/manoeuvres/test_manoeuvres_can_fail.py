@@ -46,10 +46,11 @@ traction = sliding.traction
 
 @pytest.fixture(autouse=True)
 def one_tyre(monkeypatch):
-    """The linear tyre alone, for speed."""
+    """The linear tyre alone and a shorter drive, for speed."""
     for module in (coasting, convergence, loads, parking, side_slope, soak, tipping):
         monkeypatch.setattr(module, "tyres", lambda *without: [Linear()])
     monkeypatch.setattr(energy, "force_tyres", lambda: [Linear()])
+    monkeypatch.setattr(energy, "BRIEFLY_S", 2.5)
 
 
 def swap(monkeypatch, change):
@@ -240,7 +241,7 @@ def test_implement_check_detects_wrong_tool_drawbar_and_draught(monkeypatch):
 
 def test_standstill_check_detects_drop_creep_and_weak_brake(monkeypatch):
     monkeypatch.setattr(standing, "QUICK", ("orchard",))
-    monkeypatch.setattr(standing, "BRIEFLY_S", 5.0)
+    monkeypatch.setattr(standing, "BRIEFLY_S", 3.0)
     monkeypatch.setattr(standing, "families", lambda: {"plant.tyre": {"contact": Contact}})
     assert failures(standing) == set()
     with monkeypatch.context() as dropped:
