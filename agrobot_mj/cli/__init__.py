@@ -96,6 +96,10 @@ def _called() -> tuple[int, str]:
     except USAGE_ERROR as error:  # for example an unknown option
         if hint := meant(error):
             error.possibilities = None  # suggestions of merely similar options
+        if invalid := getattr(error.__cause__, "errors", None):  # a pydantic.ValidationError
+            from agrobot_mj.core.messages import fault
+
+            error.message = "; ".join(fault(each) for each in invalid())
         error.show(shown := io.StringIO())
         return 2, "\n".join([shown.getvalue().rstrip("\n"), *([hint] if hint else [])])
     except SystemExit as leaving:

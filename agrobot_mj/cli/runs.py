@@ -57,7 +57,7 @@ def run(
     said = print_hints([scenario], quiet)
     with waiting, results(folder, files_of_run(scenario)), stop_on_signals() as stopped, compiling_beside(scenario):
         waiting.enter_context(elapsed(f"{scenario.name}: starting, which compiles the first time", quiet))
-        log = run_scenario(scenario, watchers, lambda: bool(stopped))
+        log = run_scenario(scenario, watchers, stopped)
         write_log(log, folder, recorded=recorded)
     rms = error_of({**log.metrics, "outcome": log.outcome, "expected": log.as_expected}, "lateral_rms")
     follows = scenario.guidance.using(scenario.controller).follows_path

@@ -100,11 +100,13 @@ def report(
     The file works offline, with zoomable curves, maps and rankings. With --share a second file contains the recording
     and its viewer.
     """
+    from agrobot_mj.simulation.progress import elapsed
     from agrobot_mj.studies.pages import write_report
 
     recording = recording_of(folder) if share else None
-    written = write_report(folder, metric)
-    if recording:
-        written += share_files(recording)
+    with elapsed(f"{folder}: writing the report", quiet):
+        written = write_report(folder, metric)
+        if recording:
+            written += share_files(recording)
     if not quiet:
         print(*written, sep="\n")

@@ -1,4 +1,4 @@
-"""Progress output on stderr: a bar on a terminal, otherwise lines for a series of runs and nothing for a single run."""
+"""Progress output on stderr: a bar on a terminal, otherwise lines."""
 
 import sys
 import time
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 BETWEEN_LINES_S = 1.0  # Minimum time between two progress lines [s], so that fast work prints few lines
 SILENCE_S = 6.0  # Maximum time without a progress line [s]
+RUN_LINES = 5.0  # Time between two progress lines of a single run, divided by `SILENCE_S` [-]
 LONGEST_IN_S, LONGEST_IN_MIN = 100.0, 100.0
 """Maximum durations that are printed in seconds [s] and in minutes [min]."""
 
@@ -68,7 +69,7 @@ class Count:
 
         def print_time() -> None:
             while not ended.wait(max(SILENCE_S + self.told - time.monotonic(), 0.01)):
-                if (now := time.monotonic()) - self.told >= SILENCE_S:
+                if (now := time.monotonic()) - self.told >= SILENCE_S and (not self.total or self.done < self.total):
                     self.told = now
                     done = f"{self.done:,} done after " if self.total else ""
                     print(f"{self.description}: {done}{span(now - self.began)}", file=sys.stderr, flush=True)
@@ -119,20 +120,28 @@ def span(seconds: float) -> str:
 
 
 class Progress:
-    """Progress bar of one run. `began` is called after the first ticks, when all kernels are compiled."""
+    """Progress bar or lines of one run. `began` is called after the first ticks, when all kernels are compiled."""
 
     def __init__(self, began: Callable[[], None] = lambda: None) -> None:
         self.bar, self.rows, self.began, self.name = bar(), Rows(0, 0, 0), began, ""
+        self.told = time.monotonic()
 
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
         """Store the log rows, whose number gives the progress, and the name of the run. `advance` displays the bar."""
-        self.rows, self.name = rows, scenario.name or "run"
+        self.rows, self.name, self.told = rows, scenario.name or "run", time.monotonic()
 
     def advance(self, first: int) -> None:
-        """Display or update the progress bar."""
+        """Display or update the progress bar, or print a line."""
         if first == 0:
             self.began()
         if not self.bar:
+            if (now := time.monotonic()) - self.told >= RUN_LINES * SILENCE_S:
+                self.told = now
+                print(
+                    f"{self.name}: {100 * self.rows.filled / self.rows.ticks:.0f} % simulated",
+                    file=sys.stderr,
+                    flush=True,
+                )
             return
         if not self.bar.tasks:
             self.bar.start()

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from statistics import fmean
+from statistics import fmean, median
 from typing import Any
 
 import pyarrow.parquet as pq
@@ -34,13 +34,13 @@ def _dominance(cases: Mapping[str, Sequence[Row]], rows: Sequence[Row]) -> str:
 
 
 def _ahead(cases: Mapping[str, Sequence[Row]]) -> str:
-    means = {
-        name: fmean(values)
+    medians = {
+        name: median(values)
         for name, rows in cases.items()
         if (values := [value for row in rows if (value := error_of(row, GUIDANCE)) is not None])
     }
-    best = min(means, key=lambda name: means[name])
-    return f"the guidance part is smallest for {best}, {100 * means[best]:.1f} cm"
+    best = min(medians, key=lambda name: medians[name])
+    return f"the median of the guidance part is smallest for {best}, {100 * medians[best]:.1f} cm"
 
 
 def _warnings(rows: Sequence[Row]) -> list[str]:

@@ -226,9 +226,9 @@ def basis_of(comment: str) -> str:
 
 
 def of_default(part: Spec, name: str) -> str:
-    """Return the basis of a default value, from the docstring of its key."""
-    text = type(part).describe(name)
-    if "Assumed value" in text or name in part.sized:
+    """Return the basis of a default value, from the docstring of its key. Scaled default values are assumed."""
+    text, default = type(part).describe(name), type(part).model_fields[name].default
+    if "Assumed value" in text or name in part.sized or getattr(part, name) != default:
         return "assumed"
     return "printed" if CITED.search(text) else "assumed"
 

@@ -221,7 +221,9 @@ def _tabs(file: Path, layout: dict[str, Any]) -> tuple[str, dict[str, str]]:
         container = parts.get("ContainerBlueprint", {})
         if container.get("container_kind") == "Tabs":
             return place, {_name(layout[child]): child for child in container["contents"]}
-    raise SnapshotError(f"{file}: the recording has no tabs; use an agrobot-mj recording of a run of at least one tick")
+    raise SnapshotError(
+        f"{file}: the recording has no tabs; it is truncated, or its run has no tick; record the run again"
+    )
 
 
 def _views(layout: dict[str, Any]) -> dict[str, str]:
