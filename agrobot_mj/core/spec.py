@@ -12,11 +12,12 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache, lru_cache
 from itertools import pairwise
-from math import isclose, isfinite, prod
+from math import inf, isclose, isfinite, prod
 from operator import attrgetter
 from typing import Annotated, Any, ClassVar, NamedTuple, Self, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetJsonSchemaHandler
+from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
@@ -73,17 +74,15 @@ CarcassShare = Annotated[float, Field(ge=0.05, le=2)]
 
 
 class Discrete(NamedTuple):
-    """Annotation of a key that accepts only some numbers."""
+    """Annotation of a key that accepts only some numbers between its limits."""
 
-    low: float  # Minimum of the key
-    high: float  # Maximum of the key
     nearest: Callable[[float], float]
     """Function that returns the accepted number nearest to a number between the limits."""
 
 
 def nearest_tick(seconds: float) -> float:
     """Return the whole number of ticks nearest to `seconds`, as a time [s]."""
-    return float(f"{round(seconds / TICK_S) * TICK_S:.10g}")
+    return round(seconds / TICK_S) * TICK_S
 
 
 def whole_ticks(seconds: float) -> float:
@@ -119,7 +118,7 @@ def cone_index_in_range(kpa: float) -> float:
 
 
 ConeIndex = Annotated[float, Field(gt=0, le=HUGE), AfterValidator(cone_index_in_range)]
-Latency = Annotated[float, Field(ge=0, le=5), AfterValidator(whole_ticks), Discrete(0.0, 5.0, nearest_tick)]
+Latency = Annotated[float, Field(ge=0, le=5), AfterValidator(whole_ticks), Discrete(nearest_tick)]
 """Delay in whole ticks [s]."""
 
 
@@ -141,10 +140,8 @@ class Spec(BaseModel):
             field = type(self).model_fields[name]
             factor = prod(ratios[measure] ** power for measure, power in powers.items())
             value = factor * (attrgetter(inner)(field.default) if inner else field.default)
-            low, high = (
-                next((getattr(m, end) for m in field.metadata if hasattr(m, end)), None) for end in ("ge", "le")
-            )
-            fill(found, key.split("."), min(value if low is None else max(value, low), HUGE if high is None else high))
+            low, high = _limits(field)
+            fill(found, key.split("."), min(max(value, low), high))
         return found
 
     @classmethod
@@ -174,17 +171,25 @@ def fill(part: Spec, keys: list[str], value: Any, default: bool = False) -> None
         part.__dict__[name] = value
 
 
+def _limits(field: FieldInfo) -> tuple[float, float]:
+    """Return the minimum and the maximum that a key accepts, by default -infinity and `HUGE`."""
+    low, high = ([getattr(m, end) for m in field.metadata if hasattr(m, end)] for end in ("ge", "le"))
+    return low[0] if low else -inf, high[0] if high else HUGE
+
+
 def nearest_value(owner: type[Spec], key: str, value: float) -> float:
     """Return the number that a key of the class `owner` accepts nearest to `value`, for integers and `Discrete`.
 
-    Values of other keys are rounded to ten digits. Values beyond the limits of a `Discrete` key remain unchanged.
+    Other values are rounded to ten digits. Values beyond the limits of a `Discrete` key remain invalid.
     """
-    field = owner.model_fields.get(key)
-    parts = [*field.metadata, *_nested(field.annotation)] if field else []
-    if discrete := next((part for part in parts if isinstance(part, Discrete)), None):
-        return discrete.nearest(value) if discrete.low <= value <= discrete.high else value
-    whole = int in parts and float not in parts and isfinite(value)
-    return round(value) if whole else float(f"{value:.10g}")
+    if (field := owner.model_fields.get(key)) is not None:
+        kinds, (low, high) = _nested(field.annotation), _limits(field)
+        if int in kinds and float not in kinds and isfinite(value):
+            return round(value)
+        for part in field.metadata:
+            if isinstance(part, Discrete) and low <= value <= high:
+                value = part.nearest(value)
+    return float(f"{value:.10g}")
 
 
 def _nested(annotation: Any) -> list[Any]:

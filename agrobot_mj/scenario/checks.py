@@ -61,11 +61,11 @@ def path_errors(s: Tables) -> list[str]:
     needed = s.tractor.steering_for(curvature)
     if needed >= s.tractor.steer_limit:
         place, key = s.path.sharpest, s.path.radius_key
+        remedy = f" (path.{key})" if key else ", or move the points of the path apart"
         found.append(
             f"path: the curvature of {curvature:.3g} 1/m at ({place.x:.1f}, {place.y:.1f}) m, "
             f"{place.distance:.1f} m from the start, needs {degrees(needed):.1f} deg of steering, but the limit is "
-            f"{s.tractor.steer_limit_deg:g} deg (radius {s.tractor.tightest_radius:.2f} m); use a larger radius"
-            f"{f' (path.{key})' if key else ', or move the points of the path apart'}"
+            f"{s.tractor.steer_limit_deg:g} deg (radius {s.tractor.tightest_radius:.2f} m); use a larger radius{remedy}"
         )
     return found
 

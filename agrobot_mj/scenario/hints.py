@@ -27,15 +27,10 @@ from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.paths.transition import Transitions
 from agrobot_mj.scenario.overrides import explicit_values, flat
 from agrobot_mj.scenario.schema import Scenario, on_machine
+from agrobot_mj.sensors.suite import LINES
 
-SENSORS = {
-    "gyro": "gyro",
-    "wheel_speed": "wheel_speed",
-    "imu_roll": "imu",
-    "imu_pitch": "imu",
-    "heading": "gnss.dual_antenna",
-}
-"""Table of `[sensors]` with the key `enabled`, by signal line of a sensor that may be absent."""
+SENSORS = {**{line: sensor for line, (sensor, _) in LINES.items()}, "heading": "gnss.dual_antenna"}
+"""Table of `[sensors]` by signal line of a sensor."""
 OTHER_LAP = 0.02
 """Maximum relative difference of lap length between learned table and path [-]. Assumed value: points every 0.25 m."""
 
@@ -51,7 +46,7 @@ def _faults(scenario: Scenario) -> Iterator[str]:
     for k, fault in enumerate(scenario.fault):
         first = max(0, ceil((fault.start_s - ROUNDING_S) / TICK_S)) * TICK_S
         sensor = SENSORS.get(fault.line) if isinstance(fault, LineFault) else None
-        if sensor and not attrgetter(sensor)(scenario.sensors).enabled:
+        if sensor and not getattr(attrgetter(sensor)(scenario.sensors), "enabled", True):
             absent = f"the tractor has no such sensor; set sensors.{sensor}.enabled = true"
             yield f"fault[{k}]: {fault.kind} has no effect, because {absent}"
         elif first >= end - ROUNDING_S:

@@ -29,7 +29,7 @@ FLOAT = Quality.FLOAT
 
 def _nearest_rate(rate_hz: float) -> float:
     """Return the rate [Hz] of solutions every whole number of ticks, for the interval nearest to that of `rate_hz`."""
-    return float(f"{1.0 / (max(round(1.0 / (rate_hz * TICK_S)), 1) * TICK_S):.10g}")
+    return 1.0 / (max(round(1.0 / (rate_hz * TICK_S)), 1) * TICK_S)
 
 
 def _whole_ticks_apart(rate_hz: float) -> float:
@@ -200,9 +200,7 @@ class Gnss(Sensor):
     velocity_sigma_m_s: NonNegative = 0.03
     """Standard deviation of the white velocity noise per axis [m/s]. Assumed value (range 0.01-0.05) for velocities
     computed from Doppler shifts."""
-    rate_hz: Annotated[
-        float, Field(ge=1, le=20), AfterValidator(_whole_ticks_apart), Discrete(1.0, 20.0, _nearest_rate)
-    ] = 20.0
+    rate_hz: Annotated[float, Field(ge=1, le=20), AfterValidator(_whole_ticks_apart), Discrete(_nearest_rate)] = 20.0
     """Number of solutions per second [Hz], at intervals of whole ticks. Assumed value (range 5-20 for guidance)."""
     latency_s: Latency = 0.0
     """Latency of a solution [s], in whole ticks. Assumed value: below a tick in a receiver, up to 0.2 s by radio."""

@@ -170,7 +170,10 @@ class PicturePatch(Special):
         return self
 
     def bounds(self) -> Bounds:
-        """Return the bounding box (x_min, x_max, y_min, y_max) of the image [m]. Raises ValueError if unreadable."""
+        """Return the bounding box (x_min, x_max, y_min, y_max) of the image [m].
+
+        Raises ValueError if the image file cannot be read.
+        """
         rows, columns = read_picture(self.file).shape
         a, b = self.width_m / 2, self.width_m / 2 * rows / columns
         return self.x_m - a, self.x_m + a, self.y_m - b, self.y_m + b

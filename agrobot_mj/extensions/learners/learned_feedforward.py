@@ -76,8 +76,8 @@ class PathNetwork(Spec):
     curvature_sets: int = Field(11, ge=1, le=51)
     """Number of curvature sets [-]. Assumed value (range 5-21): gives a spacing of 0.1 1/m."""
     curvature_range_per_m: Positive = 0.5
-    """Magnitude of the curvature at the outermost set centres [1/m]. Assumed value (range 0.3-0.7), for an arc of 2 m
-    radius."""
+    """Magnitude of the curvature at the centres of the outermost fuzzy sets [1/m]. Assumed value (range 0.3-0.7), for
+    an arc of 2 m radius."""
     speed_sets: int = Field(2, ge=1, le=21)
     """Number of speed sets [-], with centres from 0 upwards. Assumed value (range 1-5)."""
     speed_range_m_s: Positive = 3.0
@@ -85,7 +85,7 @@ class PathNetwork(Spec):
     roll_sets: int = Field(3, ge=1, le=21)
     """Number of roll sets [-]. Assumed value (range 1-7). More than one set needs `sensors.imu.enabled`."""
     roll_range_rad: Positive = 0.26
-    """Magnitude of the roll at the outermost set centres [rad]. Assumed value (range 0.1-0.4)."""
+    """Magnitude of the roll at the centres of the outermost fuzzy sets [rad]. Assumed value (range 0.1-0.4)."""
 
     @property
     def shape(self) -> tuple[int, int, int]:

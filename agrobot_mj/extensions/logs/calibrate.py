@@ -141,8 +141,10 @@ class Calibration(NamedTuple):
 def calibrate(
     sources: Sequence[Source], log_map: LogMap | None, scenario: Scenario, start_s: float = 0.0, end_s: float = inf
 ) -> Calibration:
-    """Calibrate the sensors of logs with a common map. The scenario gives the wheelbase. Raises `FieldLogError` for
-    unsuitable logs."""
+    """Calibrate the sensors of one machine from its logs, which have a common map. The scenario gives the wheelbase.
+
+    Raises `FieldLogError` for unsuitable logs.
+    """
     m = steered_map(sources[0], log_map)
     cut = read_pieces(sources, m, scenario.tractor.antenna_height_m, start_s, end_s, readings=True)
     return calibrated(cut, m, scenario)

@@ -217,8 +217,27 @@ class _Reader(NamedTuple):
         return TimeSeries(steady.t, np.unwrap(steady.value))
 
     def position(self, c: PositionColumns, speed: TimeSeries) -> TimeSeries:
-        first, second = (c.latitude, c.longitude) if c.latitude else (c.east, c.north)
-        a, b = self.data[first or ""], self.data[second or ""]
+        good, places = self._local_places(c)
+        found = fresh(TimeSeries(self.t[good] - c.delay_s, places))
+        settled = ~lone(found.t, found.value @ (1, 1j))
+        steady = driven_places(TimeSeries(found.t[settled], found.value[settled]), speed)
+        if (jumps := len(found.t) - len(steady.t)) > MOST_JUMPS * len(found.t):
+            first, second = _names(c)
+            raise FieldLogError(
+                f"{self.name}: {jumps} of {len(found.t)} positions in {first!r} and {second!r} are farther apart than "
+                "the speed allows; check these columns, or specify the quality column (position.quality)"
+            )
+        if jumps:
+            self.left_out.append(f"{jumps} positions that jump or are next to a jump")
+        return steady
+
+    def _local_places(self, c: PositionColumns) -> tuple[Mask, Array]:
+        """Return which rows have an accepted position, and these positions in the local plane, shape (n, 2) [m].
+
+        Raises `FieldLogError` for unsuitable columns.
+        """
+        first, second = _names(c)
+        a, b = self.data[first], self.data[second]
         good = np.isfinite(a) & np.isfinite(b)
         if c.quality:
             good &= self.good[c.quality]
@@ -256,17 +275,7 @@ class _Reader(NamedTuple):
                 f"{self.name}: {first!r} and {second!r} span {np.ptp(places, axis=0).max() / 1e3:.3g} km; specify the "
                 "quality column (position.quality) to omit rows without a fix"
             )
-        found = fresh(TimeSeries(self.t[good] - c.delay_s, places))
-        settled = ~lone(found.t, found.value @ (1, 1j))
-        steady = driven_places(TimeSeries(found.t[settled], found.value[settled]), speed)
-        if (jumps := len(found.t) - len(steady.t)) > MOST_JUMPS * len(found.t):
-            raise FieldLogError(
-                f"{self.name}: {jumps} of {len(found.t)} positions in {first!r} and {second!r} are farther apart than "
-                "the speed allows; check these columns, or specify the quality column (position.quality)"
-            )
-        if jumps:
-            self.left_out.append(f"{jumps} positions that jump or are next to a jump")
-        return steady
+        return good, places
 
     def _settled(self, column: str, values: Values) -> Values:
         """Return the values of a column with outliers replaced by NaN."""
@@ -299,3 +308,9 @@ def _derived(
         return None, "none"
     found = course_rate(position, speed)
     return found, "course" if found is not None else "none"
+
+
+def _names(c: PositionColumns) -> tuple[str, str]:
+    """Return the names of the two columns that contain the position."""
+    first, second = (c.latitude, c.longitude) if c.latitude else (c.east, c.north)
+    return first or "", second or ""

@@ -15,7 +15,7 @@ from agrobot_mj.core.spec import UNPRINTABLE
 from agrobot_mj.core.table_columns import FieldLogError, Source, column_names, loaded, read_columns
 from agrobot_mj.extensions.logs.checks import check_columns
 from agrobot_mj.extensions.logs.health import health_lines
-from agrobot_mj.extensions.logs.maps import LogMap, named_columns
+from agrobot_mj.extensions.logs.maps import LogMap, TimeColumn, named_columns
 from agrobot_mj.extensions.logs.pieces import pieces
 from agrobot_mj.extensions.logs.readers import OpenedLog
 from agrobot_mj.extensions.logs.recording import SECONDS, read_recording
@@ -28,7 +28,7 @@ PLACEHOLDERS = {
     "yaw_rate": {"column": "...", "unit": "deg/s"},
     "position": {"east": "...", "north": "..."},
 }
-"""Map tables of a log with unknown columns, to be completed by the user."""
+"""Template of the map tables of a log with unknown columns; the user replaces `...` by names of columns."""
 
 
 class Coverage(NamedTuple):
@@ -52,16 +52,14 @@ def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
     """Return a description of a log as plain text and valid Markdown. `log_map` is the user's map, or None."""
     source, m = loaded(log.source), log_map or log.log_map
     names = [name for name in column_names(source) if not m or name != m.time.column][:MOST_COLUMNS]
-    tables = log.tables or _template(source, names)
-    time, unit = (m.time.column, m.time.unit) if m else ("t", "s")
-    if tables and not m:
-        time, unit = tables["time"]["column"], tables["time"].get("unit", "s")
+    tables = {} if m else log.tables or _template(source, names)
+    at = m.time if m else TimeColumn(**tables["time"]) if tables else None
     lines = [f"{log.name}: read as {log.reader}", *log.notes]
-    if m or tables:
-        t = read_columns(source, [time])[time] * SECONDS[unit]
+    if at:
+        t = read_columns(source, [at.column])[at.column] * SECONDS[at.unit]
         lines[0] += f", {np.ptp(t[np.isfinite(t)]):.1f} s" if len(t) else ", no rows"
         head = ("column", "unit", "values", "rate Hz", "longest gap s", "minimum", "maximum")
-        rows = [_row(source, name, t) for name in names if name != time]
+        rows = [_row(source, name, t) for name in names if name != at.column]
         lines += ["", *markdown_table(head, rows, 2, aligned=True).splitlines(), ""]
     else:
         lines.append(f"columns: {', '.join(names)}")
@@ -74,7 +72,7 @@ def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
         lines.append(f"{_use(source, m)}: {used}.")
     else:
         lines.append(f"The log cannot be used for replay, identify or calibrate: {log.missing}.")
-    if tables and not m:
+    if tables:
         lines += ["", "Template of a map:", "", *tomli_w.dumps(tables).splitlines()]
     return "\n".join(UNPRINTABLE.sub("?", line) for line in lines)
 
