@@ -1,20 +1,23 @@
 """Kernels for a path given by samples: nearest path point, and path points and curvatures at given arc lengths."""
 
-from math import atan2, sqrt
+from math import atan2, cos, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from agrobot_mj.core.geometry import along_arc, to_heading, wrap
 from agrobot_mj.core.kernels import jit, shared
-from agrobot_mj.core.signals import Matrix, PathPoint, Vector
+from agrobot_mj.core.signals import Matrix, PathPoint, Reference, Vector
 
 STEP_M = 0.05  # Spacing of the samples [m]
 WINDOW_M = 4.0  # Half-width of the search window around the given arc length [m]
 ROUNDING_M = 1e-6  # Extension of a leg at both ends to allow for rounding errors, less than the sample spacing [m]
 BEND = 1.4
 """Maximum heading change of the path from the middle of the search window to either end [rad]. Must be below pi / 2."""
-T, X, Y, YAW, CURVATURE, SPEED, S, TURNED, DIRECTION = range(9)  # Column numbers of the sample array, as in `Sample`
+WIDTH = 9  # Number of columns of the sample array
+T, X, Y, YAW, CURVATURE, SPEED, S, TURNED, DIRECTION = range(
+    WIDTH
+)  # Column numbers of the sample array, as in `Sample`
 
 
 class Sample(NamedTuple):
@@ -29,6 +32,19 @@ class Sample(NamedTuple):
     s: float = 0.0  # Arc length from the start [m]
     turned: float = 0.0  # Accumulated absolute heading change from the start [rad]
     direction: float = 0.0  # Direction of travel: 1 forward, -1 reverse, 0 unknown [-]
+
+
+@shared
+def sample_of(t: float, r: Reference) -> Sample:
+    """Return the sample of the reference `r` at the time `t` [s], without the quantities along the path."""
+    return Sample(t, r.x, r.y, r.yaw, r.curvature, cos(r.yaw) * r.vx + sin(r.yaw) * r.vy, 0.0, 0.0, 0.0)
+
+
+@shared
+def write_sample(samples: Matrix, n: int, t: float, r: Reference) -> None:
+    """Write the sample of the reference `r` at the time `t` [s] to row `n`."""
+    for k, value in enumerate(sample_of(t, r)):
+        samples[n, k] = value
 
 
 @shared
@@ -71,7 +87,7 @@ def offset_at(samples: Matrix, k: int, x: float, y: float) -> float:
 
 @jit
 def nearest_point(samples: Matrix, x: float, y: float, near: float, low: float, high: float) -> PathPoint:
-    """Return the path point nearest to (x, y), searched around the arc length `near` from `low` to `high` [m]."""
+    """Return the path point nearest to (x, y), searched near the arc length `near` and between `low` and `high` [m]."""
     near = min(max(near, low), high)
     k, inside = found_nearest(samples, x, y, near, low, high, WINDOW_M)
     a = _sample_at(samples, k)

@@ -6,13 +6,14 @@ from rest to a constant speed.
 """
 
 from itertools import pairwise
-from math import cos, pi, sin, sqrt
+from math import cos, inf, pi, sin, sqrt
 from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
 from agrobot_mj.core.geometry import along_arc, wrap
+from agrobot_mj.core.kernels import shared
 from agrobot_mj.core.signals import Reference
 
 SLOWEST_M_S, FASTEST_M_S = 0.001, 5.0  # Minimum and maximum speed of a reference [m/s]
@@ -42,6 +43,7 @@ class Place(NamedTuple):
     distance: float  # Distance travelled from the start [m]
 
 
+@shared
 def advance(start: Pose, curvature: float, distance: float, sharpness: float = 0.0) -> Pose:
     """Return the pose at `distance` [m] along an arc or clothoid from the pose `start` with initial `curvature` [1/m].
 
@@ -50,23 +52,39 @@ def advance(start: Pose, curvature: float, distance: float, sharpness: float = 0
     return _along_clothoid(start, curvature, distance, sharpness) if sharpness else on_arc(start, curvature, distance)
 
 
+@shared
 def on_arc(start: Pose, curvature: float, distance: float) -> Pose:
     """Return the pose at `distance` [m] along an arc of `curvature` [1/m] from the pose `start`."""
-    return Pose._make(along_arc(start, curvature, distance))
+    x, y, yaw = along_arc((start.x, start.y, start.yaw), curvature, distance)
+    return Pose(x, y, yaw)
 
 
+@shared
 def _along_clothoid(start: Pose, curvature: float, distance: float, sharpness: float) -> Pose:
-    """Return the pose at `distance` [m] along a clothoid, by Gauss-Legendre quadrature about the middle of the segment.
+    """Return the pose at `distance` [m] along a clothoid, whose parts are halved until their quadrature is accurate.
+
+    Each part is found from the start, because numba does not compile the recursion. All fractions are exact.
+    """
+    pose, done = start, 0.0
+    while done < 1.0:
+        k, half, begin, fraction = curvature, distance / 2, 0.0, 1.0
+        while MAX_HALF_TURN < abs((k + sharpness * half) * half) + abs(sharpness) * half * half < inf:
+            fraction /= 2
+            if done >= begin + fraction:
+                k, begin = k + sharpness * half, begin + fraction
+            half /= 2
+        pose, done = _quadrature(pose, k, half, sharpness), done + fraction
+    return pose
+
+
+@shared
+def _quadrature(start: Pose, curvature: float, half: float, sharpness: float) -> Pose:
+    """Return the pose after the distance `2 * half` [m] on a short clothoid, exact to rounding.
 
     At the distance u from the middle, the heading is yaw_m + kappa_m u + sharpness u^2 / 2. The quadratic term is equal
-    at u and -u, so each pair of nodes requires one evaluation of its sine and cosine.
+    at u and -u, so each pair of Gauss-Legendre nodes requires one evaluation of its sine and cosine.
     """
-    half = distance / 2
     middle = curvature + sharpness * half
-    # The quadrature is exact to rounding only for small heading changes: halve longer segments.
-    if abs(middle * half) + abs(sharpness) * half * half > MAX_HALF_TURN:
-        first = _along_clothoid(start, curvature, half, sharpness)
-        return _along_clothoid(first, middle, half, sharpness)
     along, across = NODES[0][1], 0.0
     for node, weight in NODES[1:]:
         u = node * half
@@ -79,10 +97,11 @@ def _along_clothoid(start: Pose, curvature: float, distance: float, sharpness: f
     return Pose(
         start.x + half * (along * c - across * s),
         start.y + half * (along * s + across * c),
-        start.yaw + middle * distance,
+        start.yaw + middle * (2 * half),
     )
 
 
+@shared
 def progress(t: float, ramp: float) -> tuple[float, float]:
     """Return the distance travelled [s] and the speed [-] at time `t` [s], both divided by the speed after the ramp."""
     if t >= ramp:
@@ -105,8 +124,21 @@ def turns(duration: float, count: int, ramp: float, run_in: float = 0.0) -> tupl
     return tuple(pairwise(times))
 
 
+@shared
 def reference(pose: Pose, curvature: float, speed: float, sharpness: float = 0.0) -> Reference:
     """Return the reference state at `pose` for `speed` [m/s], which is negative in reverse."""
     yaw = pose.yaw if -pi < pose.yaw <= pi else wrap(pose.yaw)
     yaw = pi if yaw == -pi else yaw  # an angle just above pi may round to -pi
     return Reference(pose.x, pose.y, speed * cos(yaw), speed * sin(yaw), yaw, curvature, sharpness * speed)
+
+
+@shared
+def reference_along(
+    start: Pose, curvature: float, sharpness: float, distance: float, speed: float, trend: float
+) -> Reference:
+    """Return the reference state at `distance` [m] along a segment that starts at the pose `start`.
+
+    `speed` [m/s] is negative in reverse. `trend` is the change of curvature per metre of the exact curve [1/m2].
+    """
+    pose = advance(start, curvature, distance, sharpness)
+    return reference(pose, curvature + sharpness * distance if sharpness else curvature, speed, trend)

@@ -78,7 +78,7 @@ class ReferencePath(Spec):
 
     kind: str
     radius_key: ClassVar[str] = ""
-    """Name of the key that sets the bend radius, or an empty string if no single key sets it."""
+    """Name of the key that sets the bend radius, or an empty string if there is no such key."""
     speed_m_s: Speed = 1.2
     """Maximum speed of the reference [m/s]. Assumed value (range 1-1.5), which gives the paper's 120 s per lap."""
 
@@ -102,7 +102,7 @@ class ReferencePath(Spec):
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
-        """Start and end of each lap [s], for metrics per lap. Default: the complete path as one lap."""
+        """Start and end times of each lap [s], for metrics per lap. Default: the complete path as one lap."""
         return ((0.0, self.duration_s),)
 
     @property

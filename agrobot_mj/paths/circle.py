@@ -47,7 +47,7 @@ class Circle(Transitions, ReferencePath):
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
-        """Start and end of each lap [s]."""
+        """Start and end times of each lap [s]."""
         return turns(self.turn_s, self.turns, self.ramp_s, _lead_in(self) / self.speed_m_s)
 
     @property

@@ -18,11 +18,14 @@ from functools import lru_cache
 from math import atan, atan2, ceil, isinf, pi, sqrt
 from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
-from agrobot_mj.core.signals import Reference
+from agrobot_mj.core.kernels import shared, stage
+from agrobot_mj.core.samples import WIDTH, write_sample
+from agrobot_mj.core.signals import Matrix, Reference, Vector
 from agrobot_mj.core.spec import NonNegative, Positive
-from agrobot_mj.paths.arc import RAMP_S, Place, Pose, Ramp, advance, progress, reference, turns
+from agrobot_mj.paths.arc import RAMP_S, Place, Pose, Ramp, advance, progress, reference_along, turns
 from agrobot_mj.paths.base import ReferencePath
 from agrobot_mj.paths.track import Piece
 from agrobot_mj.paths.transition import Transitions, bend
@@ -32,7 +35,9 @@ class _Piece(NamedTuple):
     """Segment of a lap: a straight, an arc or a clothoid."""
 
     start: float  # Arc length at the start of the segment [m], from the start of the lap
-    pose: Pose
+    x: float  # East coordinate of the start of the segment [m]
+    y: float  # North coordinate of the start of the segment [m]
+    yaw: float  # Heading at the start of the segment [rad]
     curvature: float  # Curvature at the start of the segment [1/m]
     sharpness: float  # Change of curvature per metre [1/m2]
 
@@ -49,10 +54,37 @@ def _pieces(radius: float, straight: float, sharpness: float) -> tuple[tuple[_Pi
         right, left = curve.pieces(-1.0), curve.pieces(1.0)
     pieces, start, pose = [], 0.0, Pose(0.0, 0.0, crossing)
     for piece in (Piece(half), *right, Piece(straight), *left, Piece(half)):
-        pieces.append(_Piece(start, pose, piece.curvature, piece.sharpness))
+        pieces.append(_Piece(start, *pose, piece.curvature, piece.sharpness))
         pose = advance(pose, piece.curvature, piece.length, piece.sharpness)
         start += piece.length
     return tuple(reversed(pieces)), start
+
+
+@shared
+def _driven(t: float, ramp: float, speed: float, run_in: float, length: float) -> tuple[float, float]:
+    """Return the distance from the start of the current lap [m] and the speed [m/s] at time `t` [s]."""
+    moved, fraction = progress(t, ramp)
+    return (speed * moved - run_in) % length, fraction * speed
+
+
+@shared
+def _on_piece(piece: _Piece, distance: float, speed: float) -> Reference:
+    """Return the reference state on a segment, at the `distance` [m] from the start of the lap."""
+    start, sharpness = Pose(piece.x, piece.y, piece.yaw), piece.sharpness
+    return reference_along(start, piece.curvature, sharpness, distance - piece.start, speed, sharpness)
+
+
+@stage
+def _sampled(pieces: Matrix, ramp: float, speed: float, run_in: float, length: float, times: Vector) -> Matrix:
+    samples = np.empty((times.size, WIDTH))
+    for n, t in enumerate(times):
+        distance, now = _driven(t, ramp, speed, run_in, length)
+        k = 0
+        while pieces[k, 0] > distance:
+            k += 1
+        p = pieces[k]
+        write_sample(samples, n, t, _on_piece(_Piece(p[0], p[1], p[2], p[3], p[4], p[5]), distance, now))
+    return samples
 
 
 class FigureEight(Transitions, ReferencePath):
@@ -99,7 +131,7 @@ class FigureEight(Transitions, ReferencePath):
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
-        """Start and end of each lap [s]."""
+        """Start and end times of each lap [s]."""
         return turns(self.turn_s, self.turns, self.ramp_s, self.run_in_m / self.speed_m_s)
 
     @property
@@ -111,18 +143,17 @@ class FigureEight(Transitions, ReferencePath):
     def sharpest(self) -> Place:
         """First point of maximum curvature: the start of the first arc."""
         arc = next(p for p in reversed(_lap(self)[0]) if abs(p.curvature) > 0.999999 * self.max_curvature)
-        return Place(arc.pose.x, arc.pose.y, self.run_in_m + arc.start)
+        return Place(arc.x, arc.y, self.run_in_m + arc.start)
 
     def at(self, t: float) -> Reference:
         """Return the reference state at time `t` [s]; the figure-eight continues after the last lap."""
         pieces, length = _lap(self)
-        moved, fraction = progress(t, self.ramp_s)
-        distance = (self.speed_m_s * moved - self.run_in_m) % length
-        start, pose, curvature, sharpness = next(piece for piece in pieces if piece.start <= distance)
-        pose = advance(pose, curvature, distance - start, sharpness)
-        if sharpness:
-            curvature += sharpness * (distance - start)
-        return reference(pose, curvature, fraction * self.speed_m_s, sharpness)
+        distance, speed = _driven(t, self.ramp_s, self.speed_m_s, self.run_in_m, length)
+        return _on_piece(next(piece for piece in pieces if piece.start <= distance), distance, speed)
+
+    def _compiled_samples(self, times: Vector) -> Matrix:
+        pieces, length = _lap(self)
+        return _sampled(np.array(pieces), self.ramp_s, self.speed_m_s, self.run_in_m, length, times)
 
 
 def _lap(path: FigureEight) -> tuple[tuple[_Piece, ...], float]:

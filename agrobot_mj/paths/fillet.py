@@ -3,7 +3,7 @@
 A bend through the angle beta with an arc of radius r passes its corner at the distance r (1 / cos(beta / 2) - 1). It
 starts r tan(beta / 2) before the corner, or slightly earlier with clothoids. The space of a corner is half of the
 shorter adjacent leg (the whole leg at the ends of an open path). If the bend needs more space, the clothoids are
-shortened and the speed is reduced to keep the steering rate. If the arc alone needs more than `ARC_FRACTION` of the
+shortened and the speed is reduced to limit the steering rate. If the arc alone needs more than `ARC_FRACTION` of the
 space, its radius is reduced.
 """
 
@@ -105,8 +105,8 @@ def _pieces(lengths: list[float], speeds: list[float] | None, corners: list[Corn
 
 
 def _corner(angle: float, space: float, speed: float, how: Rounding) -> Corner:
-    """Return the bend for a corner of `angle` [rad], positive to the left. It starts at most `space` [m] before the
-    corner."""
+    """Return the bend for a corner of `angle` [rad], positive to the left. The bend starts at most `space` [m] before
+    the corner."""
     turned, left = abs(angle), 1.0 if angle > 0 else -1.0
     within = how.tolerance / (1 / cos(turned / 2) - 1) if turned > 1e-6 else inf
     radius = min(max(how.radius, within), ARC_FRACTION * space / tan(turned / 2))

@@ -35,10 +35,10 @@ def half_turn_width(radius: float, sharpness: float) -> float:
 
 @lru_cache(maxsize=64)
 def headland_turn(left: float, shape: str, radius: float, sharpness: float, speed: float) -> tuple[Piece, ...]:
-    """Return the segments of the turn to the next pass, which runs in the opposite direction `left` metres to the left.
+    """Return the segments of the turn to the next pass, which is `left` [m] to the left and in the opposite direction.
 
     `shape` (`omega` or `k`) applies to passes that are too close for two quarter bends. `radius` [m] is the radius of
-    the arcs, `sharpness` [1/m2] the sharpness of the clothoids, `speed` [m/s] the maximum speed.
+    the arcs, `sharpness` [1/m2] the sharpness of the clothoids, and `speed` [m/s] the maximum speed.
     """
     away, quarter = abs(left), bend(pi / 2, radius, sharpness)
     if away >= 2 * quarter.tangent * (1 - ROUNDING):

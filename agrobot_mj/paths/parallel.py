@@ -80,7 +80,7 @@ class Parallel(Transitions, Timed):
 
     @property
     def passes_s(self) -> tuple[tuple[float, float], ...]:
-        """Start and end time of each pass, excluding its run-in [s], in the order of travel."""
+        """Start and end times of each pass without its run-in [s], in the order of travel."""
         pieces, motion, ends, distance = self._pieces(), self.motion, [], 0.0
         for piece, is_pass in pieces:
             if is_pass:

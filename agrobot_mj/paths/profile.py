@@ -9,13 +9,15 @@ end, it continues straight at its last speed.
 from bisect import bisect_right
 from functools import cached_property, lru_cache
 from math import sqrt
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from agrobot_mj.core.signals import Array, Reference
-from agrobot_mj.paths.arc import Place, Pose, Speed, advance, reference
+from agrobot_mj.core.kernels import shared, stage
+from agrobot_mj.core.samples import WIDTH, write_sample
+from agrobot_mj.core.signals import Array, Matrix, Reference, Vector
+from agrobot_mj.paths.arc import Place, Pose, Speed, reference, reference_along
 from agrobot_mj.paths.base import PathOutline, ReferencePath
 from agrobot_mj.paths.track import Course, Mask, checked_length
 
@@ -40,6 +42,40 @@ def fastest(lengths: Array, limits: Array, acceleration: float, stops: Mask | No
     return np.sqrt(np.maximum(np.minimum(rising, falling), 0.0))
 
 
+class _Joint(NamedTuple):
+    """Start of a segment of a course with prescribed speeds, or the end of the course."""
+
+    t: float  # Time at which the reference passes the joint [s]
+    x: float  # East coordinate [m]
+    y: float  # North coordinate [m]
+    yaw: float  # Heading [rad], not wrapped
+    curvature: float  # Curvature at the start of the segment [1/m]
+    sharpness: float  # Change of curvature per metre travelled on the segment [1/m2]
+    trend: float  # Change of curvature per metre of the exact curve [1/m2]
+    direction: float  # Direction of travel: 1 forward, -1 reverse [-]
+    speed: float  # Absolute speed at the joint [m/s]
+    gain: float  # Acceleration on the segment [m/s2]
+
+
+@shared
+def _passed(joint: _Joint, t: float) -> Reference:
+    """Return the reference state at time `t` [s] on the segment that starts at `joint`."""
+    dt, direction = t - joint.t, joint.direction
+    driven, speed = dt * (joint.speed + joint.gain * dt / 2), direction * (joint.speed + joint.gain * dt)
+    start, sharpness = Pose(joint.x, joint.y, joint.yaw), direction * joint.sharpness
+    return reference_along(start, joint.curvature, sharpness, direction * driven, speed, direction * joint.trend)
+
+
+@stage
+def _sampled(joints: Matrix, times: Vector) -> Matrix:
+    samples = np.empty((times.size, WIDTH))
+    for n, t in enumerate(times):
+        j = joints[np.searchsorted(joints[:, 0], t, "right") - 1]
+        joint = _Joint(j[0], j[1], j[2], j[3], j[4], j[5], j[6], j[7], j[8], j[9])
+        write_sample(samples, n, t, _passed(joint, t))
+    return samples
+
+
 class TimedCourse:
     """Course with the times at which the reference passes the joints of its segments."""
 
@@ -54,14 +90,13 @@ class TimedCourse:
         self.distances = course.distances()
         self.times = np.concatenate(([0.0], np.cumsum(durations)))
         self.speeds = v
-        self._starts: list[float] = self.times.tolist()
-        self._poses = [Pose(*pose) for pose in zip(*(part.tolist() for part in course.joints()), strict=True)]
-        self._curvatures = [*course.curvatures.tolist(), 0.0]
-        self._sharpnesses = [*course.sharpnesses.tolist(), 0.0]
-        self._trends = [*course.trends.tolist(), 0.0]
-        self._directions = [*course.directions.tolist(), float(course.directions[-1])]
-        self._speeds: list[float] = v.tolist()
-        self._gains = [*(np.diff(v) / durations).tolist(), 0.0]
+        last = course.directions[-1]
+        ahead = course.curvatures, course.sharpnesses, course.trends, np.diff(v) / durations
+        curvatures, sharpnesses, trends, gains = (np.append(values, 0.0) for values in ahead)
+        motion = np.append(course.directions, last), v, gains
+        self._joints = np.column_stack((self.times, *course.joints(), curvatures, sharpnesses, trends, *motion))
+        self._rows = [_Joint(*row) for row in self._joints.tolist()]
+        self._starts = [joint.t for joint in self._rows]
 
     @property
     def duration(self) -> float:
@@ -81,7 +116,7 @@ class TimedCourse:
     def time_at(self, distance: float) -> float:
         """Return the time [s] at which the reference has travelled `distance` [m] along the course."""
         k = min(max(int(np.searchsorted(self.distances, distance, "right")) - 1, 0), len(self.speeds) - 2)
-        offset, v, a = distance - float(self.distances[k]), self._speeds[k], self._gains[k]
+        offset, v, a = distance - float(self.distances[k]), self._rows[k].speed, self._rows[k].gain
         return self._starts[k] + 2 * offset / max(v + sqrt(max(v * v + 2 * a * offset, 0.0)), 1e-12)
 
     def outline(self) -> PathOutline:
@@ -97,15 +132,13 @@ class TimedCourse:
     def at(self, t: float) -> Reference:
         """Return the reference state at time `t` [s], also before the start and after the end."""
         if t <= 0.0:
-            return reference(self._poses[0], self._curvatures[0], 0.0)
-        k = bisect_right(self._starts, t) - 1
-        dt, v, a, direction = t - self._starts[k], self._speeds[k], self._gains[k], self._directions[k]
-        driven, speed = dt * (v + a * dt / 2), direction * (v + a * dt)
-        curvature, sharpness = self._curvatures[k], direction * self._sharpnesses[k]
-        pose = advance(self._poses[k], curvature, direction * driven, sharpness)
-        if sharpness:
-            curvature += self._sharpnesses[k] * driven
-        return reference(pose, curvature, speed, direction * self._trends[k])
+            first = self._rows[0]
+            return reference(Pose(first.x, first.y, first.yaw), first.curvature, 0.0)
+        return _passed(self._rows[bisect_right(self._starts, t) - 1], t)
+
+    def samples(self, times: Vector) -> Matrix:
+        """Return the rows of `core.samples` at positive `times` [s], equal to `at`."""
+        return _sampled(self._joints, times)
 
 
 class Timed(ReferencePath):
@@ -163,6 +196,9 @@ class Timed(ReferencePath):
     def at(self, t: float) -> Reference:
         """Return the reference state at time `t` [s]; the reference continues straight after the end."""
         return _motion(self).at(t)
+
+    def _compiled_samples(self, times: Vector) -> Matrix:
+        return _motion(self).samples(times)
 
 
 @lru_cache(maxsize=16)

@@ -9,7 +9,8 @@ the reference at the time of the query. Later sampling does not change the resul
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from math import cos, inf, sin
+from math import inf
+from typing import cast
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from agrobot_mj.core.samples import (
     found_nearest,
     nearest_point,
     point_at,
+    sample_of,
 )
 from agrobot_mj.core.signals import Array, Matrix, PathPoint, Reference, Vector
 from agrobot_mj.paths.base import ReferencePath, reference_at
@@ -39,7 +41,7 @@ BEYOND_S = 3600.0  # Time after the end of the path up to which samples are adde
 
 LAP_GRID_M, MIN_LAP_M = 0.05, 10.0  # Grid spacing for comparing headings, and minimum lap length [m]
 MAX_DIFFERENCE = 0.01
-"""Maximum heading difference of two laps (1 minus the mean cosine), divided by its maximum over all lap lengths [-].
+"""Maximum heading difference of two laps (1 minus the mean cosine), relative to the maximum over all lap lengths [-].
 Assumed value, which excludes the exit from the field after the last pass."""
 MIN_TURN = 0.8  # Minimum heading change of a path with laps [rad]. Assumed value (45 deg).
 
@@ -56,7 +58,7 @@ class SampledRoute:
 
     def __init__(self, path: ReferencePath) -> None:
         self.path = path
-        self._samples = self._buffer = np.array([_sample(0.0, reference_at(path, 0.0))])
+        self._samples = self._buffer = np.array([sample_of(0.0, reference_at(path, 0.0))])
         self._until = self._end = 0.0
         self._leg_times, self._leg_starts, self._sign = [0.0], [0.0], 0.0
         self._lap: float | None = None
@@ -74,8 +76,8 @@ class SampledRoute:
         return self._leg_starts[k], self._leg_starts[k + 1] if k + 1 < len(self._leg_starts) else inf
 
     def nearest(self, x: float, y: float, near: float, t: float) -> PathPoint:
-        """Return the path point nearest to (x, y) [m]. The search is around the arc length `near` [m] on the leg
-        travelled at `t` [s]."""
+        """Return the path point nearest to (x, y) [m], within a search range around the arc length `near` [m] on the
+        leg travelled at `t` [s]."""
         low, high = self.leg(t)
         return _nearest(self.around(max(near, low)), x, y, near, low, high)
 
@@ -88,8 +90,8 @@ class SampledRoute:
     def sampled(self, t: float, s: float) -> tuple[Matrix, Matrix, float]:
         """Sample the path up to time `t` [s] and arc length `s` [m].
 
-        Return the samples; the start time [s] and start arc length [m] of each leg, shape (legs, 2); and the arc length
-        of the last sample [m], or infinity if the path ends before `s`.
+        Return the samples, the start time [s] and start arc length [m] of each leg with shape (legs, 2), and the arc
+        length of the last sample [m]. The last value is infinity if the path ends before `s`.
         """
         self._grow(until=t + CHUNK_S, beyond=s)
         legs = np.column_stack((self._leg_times, self._leg_starts))
@@ -117,8 +119,8 @@ class SampledRoute:
         return float(self.distances[k])
 
     def lap(self) -> float:
-        """Return the distance [m] after which the path heading repeats (the lap length), or else the length of the
-        path."""
+        """Return the lap length [m], the distance after which the path heading repeats, or the path length if it never
+        repeats."""
         if self._lap is None:
             self._grow(until=self.path.duration_s)
             known = self._samples[: max(self.number_at(self.path.duration_s) + 1, 2)]
@@ -156,7 +158,7 @@ class SampledRoute:
             count = max(int(CHUNK_S * self.path.speed_m_s / STEP_M), 4)
             times = self._until + CHUNK_S * np.arange(1, count + 1) / count
             self._until = float(times[-1])
-            self._append(np.array([_sample(t, reference_at(self.path, t)) for t in times.tolist()]))
+            self._append(samples_of(self.path, times))
         return self._until > before
 
     def _append(self, new: Array) -> None:
@@ -164,17 +166,18 @@ class SampledRoute:
         joined = np.concatenate([known, new])
         distance = known[0, S] + np.cumsum(np.hypot(np.diff(joined[:, X]), np.diff(joined[:, Y])))
         signs = np.sign(np.where(np.abs(new[:, SPEED]) > 1e-9, new[:, SPEED], 0.0))
-        reverses = np.zeros(len(new), dtype=bool)
-        for k, sign in enumerate(signs.tolist()):
-            if sign and self._sign and sign != self._sign:
-                reverses[k] = True
-                self._leg_times.append(float(new[k, T]))
-                self._leg_starts.append(float(distance[max(k - 1, 0)]))
-            self._sign = sign or self._sign
-            new[k, DIRECTION] = self._sign
-            if not self._samples[0, DIRECTION]:  # at rest: the direction of the first motion
-                self._samples[0, DIRECTION] = self._sign
-        new[:, S] = distance
+        last = np.maximum.accumulate(np.where(signs != 0.0, np.arange(1, len(new) + 1), 0))
+        directions = np.concatenate([[self._sign], signs])[last]  # at rest: the direction of the last motion
+        before = np.concatenate([[self._sign], directions[:-1]])
+        reverses = before * directions < 0.0
+        for k in np.flatnonzero(reverses).tolist():
+            self._leg_times.append(float(new[k, T]))
+            self._leg_starts.append(float(distance[max(k - 1, 0)]))
+        moves = np.flatnonzero(directions)
+        if len(moves) and not self._samples[0, DIRECTION]:  # at rest: the direction of the first motion
+            self._samples[0, DIRECTION] = directions[moves[0]]
+        self._sign = float(directions[-1])
+        new[:, DIRECTION], new[:, S] = directions, distance
         marks = np.floor(np.concatenate([known[:, S], distance]) / (0.99 * STEP_M))
         kept = new[(np.diff(marks) > 0) | reverses]
         if len(kept):
@@ -183,8 +186,7 @@ class SampledRoute:
             self._keep(kept)
 
     def _keep(self, new: Array) -> None:
-        """Append samples to a buffer. The capacity doubles when the buffer is full, which avoids thousands of
-        copies."""
+        """Append samples to a buffer, whose capacity doubles when the buffer is full."""
         count, end = len(self._samples), len(self._samples) + len(new)
         if end > len(self._buffer):
             self._buffer = np.empty((2 * end, len(Sample._fields)))  # unwritten parts use no memory
@@ -192,6 +194,19 @@ class SampledRoute:
         self._buffer[count:end] = new
         self._samples = self._buffer[:end]
         self._end = float(new[-1, S])
+
+
+def samples_of(path: ReferencePath, times: Vector) -> Matrix:
+    """Return the samples of a path at increasing positive `times` [s], without the quantities along the path.
+
+    A path class may define its method `at` again as `_compiled_samples`. Subclasses with their own `at` are called per
+    sample, and so are paths with non-finite numbers, whose error names the path and the time.
+    """
+    owner = next(kind for kind in type(path).__mro__ if "at" in vars(kind))
+    compiled = vars(owner).get("_compiled_samples")
+    if compiled and np.isfinite(found := compiled(path, times)).all():
+        return cast(Matrix, found)
+    return np.array([sample_of(t, reference_at(path, t)) for t in times.tolist()])
 
 
 def lap_length(s: Array, yaw: Array) -> float:
@@ -216,7 +231,3 @@ def lap_length(s: Array, yaw: Array) -> float:
         return length
     first = again[: int(np.argmax(np.diff(again, append=again[-1] + 2) > 1)) + 1]
     return float(lags[first[np.argmin(differences[first])]]) * LAP_GRID_M
-
-
-def _sample(t: float, r: Reference) -> Sample:
-    return Sample(t, r.x, r.y, r.yaw, r.curvature, cos(r.yaw) * r.vx + sin(r.yaw) * r.vy)

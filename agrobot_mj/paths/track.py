@@ -21,7 +21,7 @@ PARTS_TO_A_STOP = 8  # Minimum number of parts of a segment next to a cusp [-], 
 CURVE_STEP_M = 0.1  # Spacing of the arcs that approximate a curve [m]
 MAX_LENGTH_M = 50e3  # Maximum length of a course [m]
 QUADRATURE = np.polynomial.legendre.leggauss(32)
-"""Nodes and weights of a Gauss-Legendre rule, exact to rounding for clothoids with a heading change of up to 10 rad."""
+"""Nodes and weights of a Gauss-Legendre rule, exact up to rounding for clothoids with heading changes up to 10 rad."""
 
 
 Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
@@ -156,8 +156,8 @@ def checked_length(length: float) -> float:
 
 
 def samples(length: float) -> int:
-    """Return the number of points for the approximation of a curve of `length` [m]. Raise ValueError if the curve is
-    too long."""
+    """Return the number of points that approximate a curve of `length` [m]. Raise ValueError if the curve is too
+    long."""
     return int(checked_length(length) / max(CURVE_STEP_M, length / 100_000)) + 2
 
 

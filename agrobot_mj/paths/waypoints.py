@@ -101,8 +101,8 @@ CREEP_M_S = 0.1  # Limit of the speed at a standstill of a recorded track [m/s].
 
 
 def _speeds(speeds: Array, points: Array, rows: Array) -> tuple[Array, list[str]]:
-    """Return the speed limits from a column of speeds [m/s], and notes about changes. Raise ValueError for an invalid
-    speed."""
+    """Return the speed limits from a column of speeds [m/s], and notes about limited or raised speeds. Raise ValueError
+    for an invalid speed."""
     still = (speeds >= 0) & (speeds < SLOWEST_M_S) & (len(points) >= FEWEST_POINTS)
     if (wrong := np.flatnonzero((speeds < SLOWEST_M_S) & ~still)).size:
         row, speed = rows[wrong[0]], speeds[wrong[0]]
@@ -120,13 +120,13 @@ DENSE_M, FEWEST_POINTS = 1.0, 20
 TIGHTEST = 0.4
 """Minimum bend radius of a recorded track, divided by `corner_radius_m` [-]. Assumed value, near full steering lock."""
 WIDER, LEAST_M, MOST_M = 1.3, 0.005, 1.0
-"""Factor between successive smoothing distances in the spline search [-], and their minimum and maximum [m]."""
+"""Factor between successive smoothing distances in the spline search [-], and limits of the smoothing distance [m]."""
 THIRD_DIFFERENCE = 20.0 * np.log(2.0)
-"""Median squared third difference of positions with white noise, divided by the mean squared noise [-]."""
+"""Ratio of the median squared third difference of positions with white noise to the mean squared noise [-]."""
 
 
 def smooth(points: Array, smoothing: float, closed: bool) -> Course:
-    """Return one lap along the smoothing spline of `points`, shape (n, 2 or 3), with rms deviation up to `smoothing`
+    """Return one lap along a smoothing spline of `points`, shape (n, 2 or 3); the rms deviation is at most `smoothing`
     [m]."""
     from scipy.interpolate import splev, splprep  # slow import (0.1 s), needed only by this function
 
@@ -158,10 +158,10 @@ def noise(points: Array) -> float:
 
 
 def steerable(points: Array, closed: bool, radius: float) -> tuple[Course, float]:
-    """Return the least smoothed spline of a recorded track that the tractor can follow, and its smoothing distance [m].
+    """Return the least smoothed spline that the tractor can follow on a recorded track, and its smoothing distance [m].
 
-    The smoothing distance is at least the position noise of the track. The tractor can follow bends with a radius of at
-    least TIGHTEST times `radius` [m].
+    The smoothing distance starts at the position noise of the track; the search ends above MOST_M. The tractor can
+    follow bends with a radius of at least TIGHTEST times `radius` [m].
     """
     amount = max(noise(points), LEAST_M)
     found = smooth(points, amount, closed), amount
@@ -180,8 +180,8 @@ class Waypoints(Transitions, FromFile):
     kind: Literal["waypoints"] = "waypoints"
     max_bytes: ClassVar[int] = MAX_BYTES
     file: str = "waypoints.csv"
-    """File of positions: CSV with columns named x, y [m] or lat, lon [deg], and optionally speed [m/s]; KML, GeoJSON,
-    GPX, a shapefile, or a file of an AgOpenGPS field."""
+    """File of positions: KML, GeoJSON, GPX, a shapefile, a file of an AgOpenGPS field, or CSV. CSV columns are named x,
+    y [m] or lat, lon [deg], and optionally speed [m/s]."""
     crs: str = ""
     """Coordinate system of a file in metres, such as EPSG:25832. Default: metres of a local plane."""
     corners: Literal["fillet", "spline"] = "fillet"
@@ -209,7 +209,7 @@ class Waypoints(Transitions, FromFile):
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
-        """Start and end of each lap [s]. An open path is one lap."""
+        """Start and end times of each lap [s]. An open path is one lap."""
         length, laps = float(self.motion.distances[-1]), self._laps
         times = [self.motion.time_at(k * length / laps) for k in range(laps)] + [self.duration_s]
         return tuple(pairwise(times))

@@ -17,7 +17,7 @@ def test_sinusoidal_path_follows_its_formula():
     assert path.at(0).yaw == pytest.approx(atan(3 * 2 * pi / 25))
 
 
-def test_sinusoid_has_analytic_length_and_crest_curvature():
+def test_sinusoid_length_and_crest_curvature_match_the_analytic_values():
     path = Sinusoid(amplitude_m=3, wavelength_m=25, count=2)
     slope = 3 * 2 * pi / 25
     assert path.motion.distances[-1] == pytest.approx(4 * 25 / pi * ellipe(-(slope**2)), rel=1e-5)

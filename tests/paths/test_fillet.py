@@ -67,7 +67,7 @@ def test_rounded_gentle_corner_passes_its_waypoint_within_tolerance(tmp_path):
 
 
 def test_short_segments_reduce_first_the_corner_speed_then_the_radius(tmp_path):
-    """Arcs with little remaining space get short clothoids at a speed that respects the steering rate."""
+    """Arcs with little space get short clothoids, at a speed within the limit of the steering rate."""
     roomy, tight, short = (
         waypoints(tmp_path, [(0, 0), (20, 0), (20, leg), (40, leg)], corner_radius_m=3) for leg in (20, 7.7, 5)
     )

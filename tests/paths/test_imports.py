@@ -195,7 +195,7 @@ def test_longest_line_of_a_file_is_used_as_the_track(tmp_path):
 
 
 def recorded(noise=0.015, stop=40):
-    """A track of 60 m recorded at 5 Hz with noise, a repeated point and a stop of some points at its middle [m]."""
+    """Return a track of 60 m recorded at 5 Hz with noise, a repeated point, and a stop in the middle [m]."""
     s = np.sort(np.concatenate([np.arange(0, 60, 0.2), np.full(stop, 30.0)]))
     way = np.column_stack([s, 4 * np.sin(s / 12)]) + np.random.default_rng(5).normal(0, noise, (len(s), 2))
     way[70] = way[69]
@@ -244,7 +244,7 @@ def test_single_distant_point_of_a_track_is_classified_as_an_outlier():
 DAMAGED = {
     "a.kml": (kml(placemark("<LineString><coordinates>6.7;52.3</coordinates></LineString>")), "not longitude,latitude"),
     "b.kml": (kml("")[:-8], "is not valid XML"),
-    "c.kml": (kml(""), "the file contains no positions; export it again"),
+    "c.kml": (kml(""), "the file contains no positions; export the file again"),
     "d.json": ('{"type": "FeatureCollection"', "is not valid JSON"),
     "e.json": ('{"a": 1}', "is JSON, but not GeoJSON"),
     "f.json": ('{"type": "LineString", "coordinates": [[1, "x"]]}', "not a pair of numbers"),
@@ -271,7 +271,7 @@ def test_error_for_a_damaged_path_file_names_the_file(tmp_path, name):
 
 def test_unknown_coordinate_system_is_reported(tmp_path):
     pytest.importorskip("pyproj")
-    with pytest.raises(ValueError, match="crs: 'EPSG:1' is not a known coordinate system; write it like EPSG:25832"):
+    with pytest.raises(ValueError, match="crs: 'EPSG:1' is an unknown coordinate system; use a code like EPSG:25832"):
         points_of(tmp_path, "a.csv", "x,y\n0,0\n1,1\n2,2\n", "EPSG:1")
 
 

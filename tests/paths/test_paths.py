@@ -2,14 +2,16 @@
 
 import json
 import sys
-from math import cos, hypot, inf, pi, sin
+from math import cos, hypot, inf, nan, pi, sin
 from typing import Any
 
 import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
+from agrobot_mj.core.errors import NotFiniteError
 from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.samples import sample_of
 from agrobot_mj.core.spec import every
 from agrobot_mj.paths import (
     Circle,
@@ -25,7 +27,8 @@ from agrobot_mj.paths import (
     Waypoints,
     sample,
 )
-from agrobot_mj.paths.arc import SLOWEST_M_S
+from agrobot_mj.paths.arc import SLOWEST_M_S, Pose, advance
+from agrobot_mj.paths.route import samples_of
 
 RAMPED = [
     *(Line(), Circle(), FigureEight()),
@@ -85,6 +88,43 @@ def reverses(path: Any) -> bool:
 
 def test_path_tests_include_every_path_kind() -> None:
     assert {type(path) for path in VARIANTS} == set(every(Path))
+
+
+@pytest.mark.parametrize("path", VARIANTS, ids=repr)
+def test_compiled_samples_of_a_path_equal_its_references_bit_for_bit(path):
+    times = np.linspace(0.01, path.duration_s + 5.0, 400)
+    expected = [sample_of(t, path.at(t)) for t in times.tolist()]
+    assert np.array_equal(samples_of(path, times), expected)
+
+
+def test_samples_of_a_subclass_follow_its_own_method_at():
+    class Shifted(FigureEight):
+        def at(self, t):
+            return super().at(t)._replace(x=7.0)
+
+    class Faster(Sinusoid):
+        def at(self, t):
+            return super().at(2 * t)
+
+    times = np.array([1.0, 2.0])
+    assert (samples_of(Shifted(), times)[:, 1] == 7.0).all()
+    assert np.array_equal(samples_of(Faster(), times)[:, 1:6], samples_of(Sinusoid(), 2 * times)[:, 1:6])
+
+
+def test_samples_with_missing_numbers_name_the_path_and_the_time():
+    class Broken(Sinusoid):
+        def course(self):
+            course = super().course()
+            return course._replace(start=course.start._replace(y=nan))
+
+    with pytest.raises(NotFiniteError, match=r"reference.y is nan, returned by the path \(sinusoid\) at t = 1.00 s"):
+        samples_of(Broken(), np.array([1.0]))
+
+
+@pytest.mark.parametrize(("curvature", "distance", "sharpness"), [(inf, 1.0, 0.1), (0.1, inf, 0.1), (0.1, 1.0, inf)])
+def test_infinite_clothoid_is_an_arithmetic_error(curvature, distance, sharpness):
+    with pytest.raises(ValueError, match="math domain error"):
+        advance(Pose(0.0, 0.0, 0.0), curvature, distance, sharpness)
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)

@@ -1,4 +1,4 @@
-"""Nearest-point search: compared with geometry and brute force, and independent of the order of queries."""
+"""Nearest-point search compared with geometry and brute force, and independent of the order of queries."""
 
 from math import atan2, cos, hypot, pi, radians, sin
 
@@ -36,7 +36,7 @@ def test_route_points_on_a_circle_equal_the_analytic_points():
 
 
 @pytest.mark.parametrize("kind", every(Path), ids=lambda kind: kind.__name__)
-def test_route_and_single_path_points_have_equal_curvatures(kind):
+def test_curvatures_of_many_route_points_equal_those_of_single_points(kind):
     distances = [-3.0, -1e-9, 0.0, 0.04, 0.05, 7.77, 31.0, 400.0]
     assert SampledRoute(kind()).curvatures(distances).tolist() == [
         SampledRoute(kind()).ahead(s).curvature for s in distances

@@ -117,8 +117,8 @@ FAULTS = {
     "infinite": (GOOD + "3,-inf\n", "row 4: y is -inf; use a finite number"),
     "a gap": (GOOD + "30,\n", "row 4: y is not a number: ''"),
     "one place": ("x,y\n10,0\n\n10,0\n10,0\n", "has 1 different waypoints; at least 2 are required"),
-    "empty": ("", "the file is empty; create it again"),
-    "only a header": ("x,y\n", "the file contains no positions; export it again"),
+    "empty": ("", "the file is empty; create the file again"),
+    "only a header": ("x,y\n", "the file contains no positions; export the file again"),
     "a height as y": (
         "0,0,1\n10,0,9\n20,0,9\n",
         "the third column does not contain speeds and one of the first two is constant; name the columns",

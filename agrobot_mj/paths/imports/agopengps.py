@@ -24,7 +24,7 @@ HEADS = {
     "$Tram": "tram",
     "$RecPath": "recorded",
 }
-"""Role of the shapes in a file, depending on the first line of the file."""
+"""Role of the shapes in a file, by the first line of the file."""
 LINE_M = 1000.0  # Length of an AB line on each side of its points [m], as in exports of AgOpenGPS
 AB_LINE, PIVOT = 2, 64  # Modes of tracks: straight line through two points, and circle
 WHOLE, DECIMALS = re.compile(r"[+-]?\d+"), re.compile(r"\d+(?:[eE][+-]?\d+)?")
@@ -56,7 +56,7 @@ class _Lines:
         """Return the point count on the next line. Raise ValueError if the line is not an integer."""
         line = self.next()
         if not line.isdecimal():
-            raise ValueError(f"line {self.at}: {line[:30]!r} is not a number of points; export it again")
+            raise ValueError(f"line {self.at}: {line[:30]!r} is not a number of points; export the file again")
         return int(line)
 
     def numbers(self, count: int) -> list[float]:
@@ -64,7 +64,7 @@ class _Lines:
         line = self.next()
         found = comma_numbers(line, count)
         if len(found) < count or not np.isfinite(found).all():
-            raise ValueError(f"line {self.at}: {line[:40]!r} does not have {count} numbers; export it again")
+            raise ValueError(f"line {self.at}: {line[:40]!r} does not have {count} numbers; export the file again")
         return found[:count]
 
     def points(self) -> Array:
@@ -181,7 +181,7 @@ def read_origin(text: str) -> Origin | None:
         return None
     found = comma_numbers(lines[lines.index("StartFix") + 1], 2)
     if len(found) < 2 or abs(found[0]) > 90 or abs(found[1]) > 180:
-        raise ValueError("Field.txt: StartFix is not a latitude and longitude in degrees; export it again")
+        raise ValueError("Field.txt: StartFix is not a latitude and longitude in degrees; export the file again")
     return Origin(*found)
 
 

@@ -73,7 +73,7 @@ def distinct(points: Array) -> Index:
 def thinned(points: Array, distance: float, closed: bool) -> Index:
     """Return the indices of points that are at least `distance` [m] from the previously kept point.
 
-    For an open track and a `distance` above CLOSEST_M, the last point is kept in place of the last kept point.
+    For an open track and a `distance` above CLOSEST_M, the last point of the track replaces the last kept point.
     """
     rows, kept = points.tolist(), [0]
     x, y = rows[0]

@@ -25,7 +25,7 @@ def read_geojson(text: str) -> ShapeFile:
         content = json.loads(SCRIPT.sub("", text, count=1).rstrip().rstrip(";") if SCRIPT.match(text) else text)
     except (json.JSONDecodeError, RecursionError) as error:
         place = f" (line {error.lineno})" if isinstance(error, json.JSONDecodeError) else ""
-        raise ValueError(f"the file is not valid JSON{place}; export it again") from None
+        raise ValueError(f"the file is not valid JSON{place}; export the file again") from None
     if not isinstance(content, dict):
         raise ValueError("the file is JSON, but not GeoJSON; export it as a FeatureCollection")
     shapes = tuple(shape for feature in _features(content) for shape in of_geometry(*feature))
@@ -88,7 +88,7 @@ def of_geometry(geometry: Any, properties: Mapping[str, Any]) -> Iterator[Polyli
 
 def _listed(found: Any) -> list[Any]:
     if not isinstance(found, list | tuple):
-        raise ValueError("the file has a geometry without coordinates; export it again")
+        raise ValueError("the file has a geometry without coordinates; export the file again")
     return list(found)
 
 
@@ -97,7 +97,7 @@ def _points(found: Any) -> Array:
     try:
         points = np.array([(float(each[0]), float(each[1])) for each in found]).reshape(-1, 2)
     except (TypeError, ValueError, IndexError, KeyError):
-        raise ValueError("the file has a position that is not a pair of numbers; export it again") from None
+        raise ValueError("the file has a position that is not a pair of numbers; export the file again") from None
     return points
 
 

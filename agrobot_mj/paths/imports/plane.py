@@ -1,9 +1,9 @@
 """Conversion of file coordinates to a local plane in metres, x east and y north.
 
-Latitudes and longitudes are projected to the plane of `core.geodesy`, with the middle of the file as its origin.
+Latitudes and longitudes are projected to the plane of `core.geodesy`, with the middle of the points as its origin.
 Coordinates of a named system, such as EPSG:25832, are converted to degrees first (pyproj), so that all files of a field
-share one plane. Coordinates in metres of an unknown system are unchanged, or shifted to the middle of the file if they
-are far from their origin.
+share one plane. Coordinates in metres of an unknown system are unchanged, or shifted to the middle of the points if
+they are far from their origin.
 """
 
 from collections.abc import Callable, Iterable
@@ -22,7 +22,7 @@ OUTSIDE_DEG = 10.0
 """Maximum latitude difference from the area of use of a coordinate system [deg]. Assumed value; coordinates in metres
 near their origin are about 40 deg outside the area of a grid in Europe."""
 LARGEST_M, SMALLEST_M = 100e3, 1.0
-"""Maximum extent of the points in a file, and minimum extent in metres [m]. Smaller extents indicate degrees."""
+"""Maximum extent of the points in a file [m], and minimum extent [m], below which coordinates are probably degrees."""
 
 
 def local_shapes(file: ShapeFile, crs: str = "", plane: LocalShapes | None = None) -> LocalShapes:
@@ -32,7 +32,7 @@ def local_shapes(file: ShapeFile, crs: str = "", plane: LocalShapes | None = Non
     local plane is reused. Raise ValueError if the coordinates do not match the coordinate system.
     """
     if not any(len(shape.points) for shape in file.shapes):
-        raise ValueError("the file contains no positions; export it again")
+        raise ValueError("the file contains no positions; export the file again")
     crs = crs or file.crs
     if crs:
         return _from_degrees(file, crs, _geographic(file, crs), plane)
@@ -77,7 +77,7 @@ def _geographic(file: ShapeFile, crs: str) -> list[Polyline]:
 
 
 def _around(longitude: float, points: Array) -> Array:
-    """Return points in degrees with their longitudes shifted to within 180 deg of `longitude`."""
+    """Return the points in degrees with their longitudes shifted to within 180 deg of `longitude`."""
     return np.column_stack([longitude + (points[:, 0] - longitude + 180) % 360 - 180, points[:, 1]])
 
 
@@ -86,7 +86,7 @@ def _converter(crs: str) -> Callable[[Array], Array]:
     try:
         transformer = pyproj.Transformer.from_crs(crs, DEGREES, always_xy=True)
     except pyproj.exceptions.ProjError:
-        raise ValueError(f"crs: {crs[:60]!r} is not a known coordinate system; write it like EPSG:25832") from None
+        raise ValueError(f"crs: {crs[:60]!r} is an unknown coordinate system; use a code like EPSG:25832") from None
 
     area = transformer.source_crs.area_of_use
 

@@ -84,7 +84,7 @@ def read_shapefile(path: Path) -> ShapeFile:
             records = [dict(zip(names, record, strict=False)) for record in reader.iterRecords()] if names else []
             geometries = [shape.__geo_interface__ for shape in reader.iterShapes()]
     except Exception as error:  # the library raises many types for damaged files
-        raise ValueError(f"the shapefile is damaged ({type(error).__name__}); export it again") from None
+        raise ValueError(f"the shapefile is damaged ({type(error).__name__}); export the file again") from None
     shapes = tuple(
         shape
         for k, geometry in enumerate(geometries)

@@ -23,7 +23,7 @@ class Polyline:
     name: str = ""
     columns: Mapping[str, Array] = field(default_factory=dict)
     """Additional values per point by column name, each array of shape (n,): speed [m/s], whether the implement works (0
-    or 1), driving direction (1 forward, -1 reverse), row of the table."""
+    or 1), driving direction (1 forward, -1 reverse), and row of the table."""
     properties: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -42,7 +42,7 @@ class ShapeFile:
         for shape in self.shapes:
             if len(wrong := np.flatnonzero(~(np.abs(shape.points) <= LARGEST).all(axis=1))):
                 east, north = shape.points[wrong[0]].tolist()
-                raise ValueError(f"position {wrong[0] + 1}, ({east:g}, {north:g}), is out of range; correct it")
+                raise ValueError(f"position {wrong[0] + 1}, ({east:g}, {north:g}), is out of range; correct the point")
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,8 +2,8 @@
 
 A title row, or a comment above the first row of numbers, names the columns. Positions are x and y, or east and north,
 in metres, or lat and lon in degrees. The columns speed, working and direction are also read; other columns, such as a
-heading, are ignored. A file without column names has the columns x, y and optionally speed. A third column that
-contains other values is ignored.
+heading, are ignored. A file without column names has the columns x, y and optionally speed. A third column with
+other quantities is ignored.
 
 Columns are separated by commas, semicolons, tabs or spaces; numbers with decimal commas need semicolons or tabs. Rows
 that begin with # or % are comments. Every error is a ValueError that gives the row number of the file and the fix.
@@ -48,8 +48,8 @@ DECIMALS = "write decimal points instead of decimal commas"
 """Fix given in error messages about numbers that are split at decimal commas."""
 MOST_DEGREES = 180.0  # Maximum absolute longitude [deg]
 FEWEST, NEAR_RAD = 5, 0.2
-"""Minimum number of rows for detecting a column of headings, and maximum median difference between the column and the
-direction of the path [rad]."""
+"""Minimum number of rows for detecting a column of heading angles, and maximum median difference between the column and
+the direction of the path [rad]."""
 
 
 class TableColumn(NamedTuple):
@@ -67,7 +67,7 @@ def read_table(text: str) -> ShapeFile:
     rows = _rows(lines, titles)
     number, cells = next(rows, (0, list[str]()))
     if not (titles or cells):
-        raise ValueError("the file contains no positions; export it again")
+        raise ValueError("the file contains no positions; export the file again")
     if titles:
         columns, notes = _named(titles, names)
     elif not any(map(_is_number, cells)):

@@ -15,7 +15,7 @@ def parsed_xml(text: str) -> ElementTree.Element:
         root = ElementTree.fromstring(text.encode())
     except (ElementTree.ParseError, ValueError) as error:
         line = getattr(error, "position", (0,))[0]
-        raise ValueError(f"the file is not valid XML (line {line}); export it again") from None
+        raise ValueError(f"the file is not valid XML (line {line}); export the file again") from None
     for element in root.iter():
         if isinstance(element.tag, str):
             element.tag = element.tag.rpartition("}")[2]
@@ -58,7 +58,7 @@ def _numbers(cells: list[list[str]]) -> Array:
             raise ValueError("decimal commas")
         points = np.array([(float(cell[0]), float(cell[1])) for cell in cells]).reshape(-1, 2)
     except (ValueError, IndexError):
-        raise ValueError("the file has a position that is not longitude,latitude in degrees; export it again") from None
+        raise ValueError("a position is not longitude,latitude in degrees; export the file again") from None
     return points
 
 
