@@ -1,8 +1,8 @@
 """Implement with sections: switching of the sections, and the ground worked by them.
 
-As in section control of guidance terminals, sections are switched by the position of the implement along the plan. The
-position is extrapolated by a look-ahead time. When it reaches the start or end of a pass, a command is sent, which
-takes effect after a delay. At constant speed, a look-ahead time equal to the delay compensates the delay.
+As in section control of guidance terminals, sections are switched by the position of the implement along the plan. When
+the position, extrapolated by a look-ahead time, reaches the start or end of a pass, a command is sent, which takes
+effect after a delay. At constant speed, a look-ahead time equal to the delay compensates the delay.
 """
 
 from collections.abc import Iterator
@@ -30,7 +30,7 @@ class Boom(NamedTuple):
     off_ahead: float = 0.0  # Look-ahead time of the switch-off command [s]
 
     def edges(self, section: int) -> tuple[float, float]:
-        """Return the lateral offsets of the left and right edge of a section [m], positive to the left.
+        """Return the lateral offsets of the left and right edges of a section [m], positive to the left.
 
         Sections are numbered from the left.
         """

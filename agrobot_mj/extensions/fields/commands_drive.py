@@ -224,10 +224,10 @@ def _prices(given: list[str] | None) -> "Prices":
         try:
             found[name.strip()] = float(value)
         except ValueError:
-            raise ScenarioError(f"--price {text}: the number is missing; write --price input_ha=180") from None
+            raise ScenarioError(f"--price {text}: the number is missing; specify --price input_ha=180") from None
         if name.strip() not in Prices._fields or not 0 <= found[name.strip()] < inf:
             known = ", ".join(Prices._fields)
-            raise ScenarioError(f"--price {text}: write NAME=VALUE with one of {known}, and a value of at least 0")
+            raise ScenarioError(f"--price {text}: specify NAME=VALUE with one of {known}, and a value of at least 0")
     return Prices(**found)
 
 

@@ -31,7 +31,7 @@ class FieldCoverage:
 
     @property
     def regions(self) -> dict[str, BaseGeometry]:
-        """Polygons of the whole field, its body and its headland, by name."""
+        """Polygons by name: the whole field, its headland, and the body inside the headland."""
         return {"field": self.field, "headland": self.field.difference(self.body), "body": self.body}
 
 
@@ -64,7 +64,7 @@ def _areas(found: FieldCoverage, region: BaseGeometry) -> dict[str, float]:
 
 
 def gaps(found: FieldCoverage) -> list[dict[str, Any]]:
-    """Return the missed area of the body and of each headland side, in order of decreasing area."""
+    """Return the missed area of the field body and of each headland side, in order of decreasing area."""
     middle = found.field.centroid
     sums: dict[str, float] = {}
     for part, region in (("headland", found.field.difference(found.body)), ("body", found.body)):

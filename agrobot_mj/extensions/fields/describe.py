@@ -39,7 +39,7 @@ def described(field: Field) -> dict[str, Any]:
 
 
 def lines_of(content: Mapping[str, Any]) -> list[str]:
-    """Return the description from `described` as lines of text."""
+    """Return the field description `content`, which `described` returns, as lines of text."""
     corners, plural = content["sharp_corners"], "s" * (content["holes"] != 1)
     first = f"{content['field']}: {content['area_m2'] / 1e4:.4g} ha, perimeter {content['perimeter_m']:.0f} m"
     inner = f"{content['holes']} hole{plural}" if content["holes"] else ""

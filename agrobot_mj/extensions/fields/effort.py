@@ -24,7 +24,7 @@ NO_PRICES = Prices()  # Prices of zero, with which the cost of a drive is not ev
 
 
 def cost(prices: Prices, areas: Mapping[str, float], time_s: float) -> dict[str, float]:
-    """Return the costs of overlaps, gaps and time, and the total cost. `areas` contains areas of the field [m2]."""
+    """Return the costs of overlaps, gaps and time, and the total. `areas` contains overlapped and missed area [m2]."""
     parts = {
         "overlap": prices.input_ha * areas["overlapped_m2"] / 1e4,
         "missed": prices.yield_ha * areas["missed_m2"] / 1e4,

@@ -75,7 +75,7 @@ class FieldDrive:
 
     @cached_property
     def times(self) -> list[list[Times | None]]:
-        """Start and end of the work of each section in each pass [s], or None for a section without work."""
+        """Times at which each section starts and stops working in each pass [s], or None if it does not work."""
         reached = np.maximum.accumulate(self.motion.s)
 
         def of(one: PlannedPass) -> list[Times | None]:
@@ -95,7 +95,7 @@ class FieldDrive:
 
     @cached_property
     def outlines(self) -> dict[str, Array]:
-        """Outlines of tractor and implement at points of the run, as polygons (n,) by name."""
+        """Outlines of the tractor and implement at points of the run, as polygons (n,) by name."""
         rows = self._thin
         column, motion = self.log.column, self.motion
         at = np.searchsorted(motion.t, column("t")[rows]).clip(0, len(motion.t) - 1)
@@ -115,8 +115,8 @@ class FieldDrive:
         return kept
 
     def spans(self) -> list[Times | None]:
-        """Return the time interval of each pass in which at least one section works [s], or None for a pass without
-        work."""
+        """Return the interval from the first start to the last stop of a section in each pass [s], or None for a pass
+        without work."""
         found: list[Times | None] = []
         for times in self.times:
             some = [each for each in times if each is not None]

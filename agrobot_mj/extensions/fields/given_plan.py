@@ -22,7 +22,7 @@ from agrobot_mj.paths.track import Piece
 
 SAME_M = 1e-6  # Maximum difference between equal working widths [m]
 APART_M, APART_RAD = 0.05, 0.02
-"""Minimum distance [m] and heading difference [rad] between successive legs that require a connection."""
+"""Distance [m] and heading difference [rad] between successive legs above which a connection is necessary."""
 
 
 def stored_plan(file: Path) -> Plan | None:
@@ -58,7 +58,7 @@ def _check(plan: Plan, name: str, rig: FieldMachine) -> None:
     if (peak := float(plan.course.peaks.max())) * rig.tightest > 1.0:
         raise ScenarioError(
             f"--plan {name}: the bend of radius {1 / peak:.2f} m at ({place.x:.1f}, {place.y:.1f}) m is below the "
-            f"minimum turn radius of the machine ({rig.tightest:.2f} m); use the --machine of the plan"
+            f"minimum turn radius of the machine ({rig.tightest:.2f} m); use the --machine that the plan is for"
         )
 
 

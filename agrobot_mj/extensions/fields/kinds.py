@@ -1,4 +1,4 @@
-"""Path type and metric of this extension."""
+"""Path type and metric registered by this extension."""
 
 from agrobot_mj.extensions.fields.plan_path import FieldPlan
 from agrobot_mj.extensions.fields.work_metric import FieldWork

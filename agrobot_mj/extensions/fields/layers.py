@@ -45,6 +45,6 @@ class WorkRecording(Recording):
 
 
 def outlines(area: BaseGeometry) -> list[Array]:
-    """Return the rings of an area, shape (n, 2) each [m], without parts of less than `SMALLEST_M2`."""
+    """Return the rings of an area, each of shape (n, 2) [m], without parts smaller than `SMALLEST_M2`."""
     parts = [part for part in shapely.get_parts(area) if part.geom_type == "Polygon" and part.area > SMALLEST_M2]
     return [np.array(ring.coords)[:, :2] for part in parts for ring in (part.exterior, *part.interiors)]

@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 import shapely
+from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, PathPatch
+from matplotlib.patches import Patch
 from matplotlib.path import Path as Outline
 from shapely.geometry.base import BaseGeometry
 
@@ -58,11 +59,14 @@ def _layers(found: FieldCoverage) -> Iterator[tuple[BaseGeometry, str, str]]:
 
 
 def _fill(axes: Any, area: BaseGeometry, colour: str) -> None:
+    outlines = []
     for part in shapely.get_parts(area):
         if part.geom_type == "Polygon" and part.area > SLIVER_M2:
             rings = [np.array(ring.coords)[:, :2] for ring in (part.exterior, *part.interiors)]
             codes = [[Outline.MOVETO, *[Outline.LINETO] * (len(ring) - 2), Outline.CLOSEPOLY] for ring in rings]
-            axes.add_patch(PathPatch(Outline(np.vstack(rings), np.concatenate(codes)), facecolor=colour, linewidth=0))
+            outlines.append(Outline(np.vstack(rings), np.concatenate(codes)))
+    # the axes contain the boundary of the field; limits of thousands of patches would take seconds
+    axes.add_collection(PathCollection(outlines, facecolors=colour, linewidths=0), autolim=False)
 
 
 def _lines(plan: Plan) -> Iterator[tuple[str, Array]]:

@@ -57,7 +57,7 @@ def pass_to_pass(passes: Sequence[WorkedPass], spacing: float) -> dict[str, Any]
 
 
 def _errors(one: WorkedPass) -> PassErrors | None:
-    """Return the lateral errors on a pass, or None for a pass shorter than the distance of two points."""
+    """Return the lateral errors on a pass, or None for a pass shorter than the point spacing `STATION_M`."""
     line = shapely.LineString(np.column_stack((one.planned.x, one.planned.y)))
     places = np.column_stack((one.motion.x, one.motion.y))
     along = shapely.line_locate_point(line, shapely.points(places))
@@ -85,7 +85,7 @@ def _on(line: shapely.LineString, distances: Array) -> tuple[Array, Array]:
 
 
 def _excess(one: PassErrors, other: PassErrors, spacing: float) -> Array:
-    """Return the excess distance [m] between two passes at the points where they are neighbours."""
+    """Return the actual minus the planned distance [m] between two passes, at the points where they are neighbours."""
     along = shapely.line_locate_point(other.line, shapely.points(one.points))
     feet, direction = _on(other.line, along)
     towards = feet - one.points
@@ -105,7 +105,7 @@ def _p95(values: Array) -> float | None:
 def turn_of(boxes: Array, at: tuple[float, float, float], t: Array, steer: Array) -> dict[str, float]:
     """Return the position, duration [s], swept width [m] and peak steering angle [deg] of a turn.
 
-    `boxes` contains outlines of tractor and implement in the turn; `at` is the implement pose at the end of the pass.
+    `boxes` are outlines of the tractor and implement in the turn; `at` is the implement pose at the end of the pass.
     The swept width is the maximum distance of the outlines beyond this pose, in the direction of the pass.
     """
     x, y, yaw = at

@@ -32,7 +32,7 @@ def write_scenario(folder: Path, field: Field, plan: Plan, base: Scenario, overr
 
 
 def plan_text(plan: Plan, field: Field, depth: float) -> tuple[str, dict[str, Any]]:
-    """Return a text summary of a plan, and its numbers. `depth` is the headland width required for the turns [m]."""
+    """Return a text summary and the numbers of a plan. `depth` is the headland width required for the turns [m]."""
     ideal = areas(planned_coverage(plan, whole_of(field), body_of(field, plan)))["field"]
     swaths = sum(one.part == "body" for one in plan.passes)
     numbers = {

@@ -42,7 +42,7 @@ def write_raster(path: Path, found: FieldCoverage, plane: Origin | None) -> None
 
 
 def _count(counts: "np.ndarray[tuple[int, ...], np.dtype[np.int64]]", area: BaseGeometry, x: Array, y: Array) -> None:
-    """Add 1 to each cell whose centre is inside an area. `x` is ascending and `y` descending."""
+    """Add 1 to each cell whose centre is inside an area. Cell centres have ascending `x` and descending `y`."""
     west, south, east, north = area.bounds
     wide = slice(*np.searchsorted(x, [west, east]).tolist())
     high = slice(*np.searchsorted(-y, [-north, -south]).tolist())

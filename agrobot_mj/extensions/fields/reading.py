@@ -153,7 +153,7 @@ def _field(local: LocalShapes, name: str, notes: list[str]) -> Field:
 
 
 def _middle(field: Field, file: ShapeFile) -> LocalShapes | None:
-    """Return a local plane with its origin at the middle of the boundary, or None if the present origin is kept.
+    """Return a local plane with its origin at the middle of the boundary, or None if the current origin is kept.
 
     The first plane of a file may be off-centre, because it includes points and rings that are later omitted.
     """
@@ -186,7 +186,7 @@ def read_plan(path: Path, field: Field, crs: str = "") -> tuple[Leg, ...]:
 
 
 def _grid(file: ShapeFile, field: Field) -> str:
-    """Return the field's coordinate system for a plan in map grid coordinates that names no system, otherwise ""."""
+    """Return the field's coordinate system if the plan has grid coordinates of an unnamed system, otherwise ""."""
     if file.crs or file.origin is not None or field.plane is None or field.crs in ("", "EPSG:4326"):
         return ""
     points = np.vstack([np.empty((0, 2)), *(shape.points for shape in file.shapes)])

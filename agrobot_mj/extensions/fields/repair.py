@@ -34,7 +34,7 @@ def boundary_polygon(points: Array) -> tuple[Polygon, list[str]]:
     whole = float(shapely.union_all([Polygon(part.exterior) for part in parts] if crosses else parts).area)
     lost = whole - found.area
     if crosses and lost > MOST_LOST * whole:
-        raise ValueError(f"{crossing}; its largest part covers {found.area:.0f} of {whole:.0f} m2; check these points")
+        raise ValueError(f"{crossing}; the largest part covers {found.area:.0f} of {whole:.0f} m2; remove crossings")
     if crossing:
         notes.append(
             f"{crossing} and is repaired" + f", without {lost:.2f} m2 of {whole:.0f} m2" * bool(lost > SLIVER_M2)
@@ -53,7 +53,7 @@ def inner_polygons(points: Array, what: str) -> tuple[list[Polygon], list[str]]:
     parts = [part for part in parts if part.area > SLIVER_M2]
     if not parts:
         raise ValueError(f"the {what} does not enclose an area; check its coordinates")
-    return parts, [*notes, *([f"{crossing}; all its parts are kept"] if crossing else [])]
+    return parts, [*notes, *([f"{crossing}; all parts are kept"] if crossing else [])]
 
 
 def _polygons(points: Array, what: str) -> tuple[list[Polygon], str, list[str]]:
@@ -111,7 +111,7 @@ def _simplified(points: Array, what: str, notes: list[str]) -> Array:
 
 
 def _without_equal(points: Array, kept: Index) -> Index:
-    """Return the indices `kept` of ring points, without points equal to the next kept point."""
+    """Return those of the indices `kept` whose ring point differs from the next kept point."""
     steps = np.diff(points[kept], axis=0, append=points[kept[:1]])
     found: Index = kept[np.hypot(*steps.T) >= CLOSEST_M]
     return found

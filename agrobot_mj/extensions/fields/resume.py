@@ -1,7 +1,7 @@
 """Continuation of interrupted field work from a state stored in the user's cache folder.
 
-The state is stored at an interruption and every few minutes, under the identity of the run. The folder contains the
-states of the last `KEPT` runs. It must belong to the user, so that files of other users are not read.
+The state is stored at an interruption and every few minutes, in a file named by the identity of the run. The folder
+contains the states of the last `KEPT` runs and must belong to the user, so that files of other users are not read.
 """
 
 import pickle

@@ -71,7 +71,7 @@ def _unpacked(path: Path) -> Iterator[Path]:
         try:
             archive.extractall(folder)
         except (zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError, OSError):
-            refuse(path, "the zip archive is damaged or encrypted; create it again")
+            refuse(path, "the zip archive is damaged or encrypted; create the archive again")
         yield Path(folder)
 
 

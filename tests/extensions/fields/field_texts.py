@@ -1,4 +1,4 @@
-"""Texts of one field in every format."""
+"""Texts of one field in every file format."""
 
 import json
 
@@ -15,7 +15,7 @@ AREA = 45_400.0 - 300.0  # Area of the boundary without the hole [m2], from the 
 
 
 def degrees(ring):
-    """Longitude and latitude of a closed ring [deg]."""
+    """Return longitude and latitude of the points of a closed ring [deg]."""
     return [list(to_geodetic(ORIGIN, *point)[::-1]) for point in np.array([*ring, ring[0]]).tolist()]
 
 
@@ -83,6 +83,6 @@ FILES = {
 
 
 def field_of(folder, name, content, **options):
-    """The field of a file with this content."""
+    """Return the field read from a file with the given content."""
     (folder / name).write_text(content, encoding="utf-8")
     return read_field(folder / name, **options)

@@ -1,4 +1,4 @@
-"""Connections between two poses: their ends, their lengths and their limits."""
+"""Connections between two poses: end points, lengths and limits."""
 
 from math import acos, cos, hypot, inf, pi
 
@@ -53,7 +53,7 @@ def test_three_point_turn_is_as_long_as_a_semicircle_of_its_radius():
     assert [piece.direction for piece in found[0]] == [1.0, -1.0, 1.0]
 
 
-def test_bulb_turn_of_arcs_has_its_analytic_length():
+def test_length_of_a_bulb_turn_of_arcs_matches_the_analytic_value():
     width, radius = 3.0, 4.0
     flare = acos((1 + width / (2 * radius)) / 2)
     found = connections(ORIGIN, Pose(0.0, width, pi), ARCS)

@@ -1,4 +1,4 @@
-"""Swaths along curved contour lines: their arcs on a round hill, and a plan along them."""
+"""Swaths along curved contour lines: arcs on a round hill, and a plan with these swaths."""
 
 from math import hypot
 
@@ -18,7 +18,7 @@ SPACING = 1.0
 
 
 def hill(x, y, sign=1.0, height=40.0):
-    """Ground whose contour lines are circles around a point: a hill, or a hollow with `sign` -1."""
+    """Return ground with circular contour lines around a point: a hill, or a hollow with `sign` -1."""
     nodes = np.arange(-400.0, 401.0, SPACING)
     away = np.hypot(nodes[None, :] - x, nodes[:, None] - y)
     return Ground(-400.0, -400.0, SPACING, height - sign * 1e-4 * away**2)

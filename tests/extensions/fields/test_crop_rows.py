@@ -1,4 +1,4 @@
-"""Crop rows under the wheels against closed forms: a plan that is followed with a constant lateral offset."""
+"""Crop rows under the wheels, compared with closed forms for a plan followed with a constant lateral offset."""
 
 from types import SimpleNamespace
 
@@ -14,7 +14,7 @@ from agrobot_mj.extensions.fields.planner.area import body_of
 from agrobot_mj.machine.tractor import TractorParameters
 
 TRACTOR = TractorParameters()
-"""The compact tractor: track 1.0 m, rear tyres of 0.24 m and narrower front tyres."""
+"""Compact tractor: track width 1.0 m, rear tyres of 0.24 m, and narrower front tyres."""
 FIELD = Field("oblong", shapely.box(0, 0, 50, 39))
 PLAN = default_plan(FIELD)
 BODY = body_of(FIELD, PLAN)
@@ -22,7 +22,7 @@ SWATHS = sum(one.part == "body" for one in PLAN.passes)
 
 
 def followed(offset):
-    """Log of a drive along the plan with a lateral offset, left positive [m]."""
+    """Return the log of a run along the plan with a lateral offset, left positive [m]."""
     course = PLAN.course.divided()
     x, y, yaw = course.joints()
     found = {"t": course.distances(), "x": x - offset * np.sin(yaw), "y": y + offset * np.cos(yaw), "yaw": yaw}
@@ -30,7 +30,7 @@ def followed(offset):
 
 
 def found(offset, angle=None, spacing=0.75):
-    """Rows run over with a lateral offset [m], for rows along the swaths turned by `angle` [deg]."""
+    """Return the rows run over with a lateral offset [m]. Rows are rotated from the swaths by `angle` [deg]."""
     rows = CropRows(spacing, PLAN.angle_deg + (angle or 0.0))
     return run_over(rows, PLAN, BODY, machine(), followed(offset))
 
@@ -57,7 +57,7 @@ def test_exactly_followed_plan_runs_over_no_crop_rows(angle):
 
 
 def test_offset_of_the_wheels_onto_a_row_runs_over_one_row_per_swath():
-    """Wheels at 0.5 m, displaced by 0.2 m, reach one of the two rows at 0.375 m."""
+    """Wheels 0.5 m from the centre line and displaced by 0.2 m reach one of the two rows at 0.375 m."""
     rows = len(lines_of(CropRows(0.75, PLAN.angle_deg), PLAN, BODY))
     for offset in (0.2, -0.2):
         assert found(offset)["run_over_percent"] == pytest.approx(100 * SWATHS / rows, rel=0.002)

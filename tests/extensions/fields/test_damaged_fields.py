@@ -1,4 +1,4 @@
-"""Damaged and hostile field files: repairs that are reported, and messages."""
+"""Damaged and hostile field files: reported repairs, and error messages."""
 
 import json
 
@@ -19,7 +19,7 @@ def metres(ring):
 
 BOW = [(0, 0), (100, 100), (100, 0), (0, 60)]
 LOOP = [(0, 0), (200, 0), (200, 100), (203, 103), (203, 100), (190, 105), (0, 100)]
-"""Rings that cross themselves: one encloses two large areas, the other has a loop of 3 m2 at a corner."""
+"""Self-intersecting rings: one encloses two large areas, the other has a loop of 3 m2 at a corner."""
 REPAIRED = {
     "repeated points": (metres(np.repeat(RING, 2, axis=0)), 45_400, "5 repeated points of the boundary are omitted"),
     "a point 1 km off": (metres([*RING, (200, 1200)]), 45_400, "point 6 of the boundary is omitted, because it is 1"),
@@ -47,7 +47,7 @@ REPAIRED = {
     "a crossed hole": (
         geojson(feature(degrees(RING), degrees([(0, 0), (20, 20), (20, 0), (0, 20)]))),
         45_200,
-        "the hole crosses itself at (10.0, 10.0) m between points 1-2 and 3-4; all its parts are kept",
+        "the hole crosses itself at (10.0, 10.0) m between points 1-2 and 3-4; all parts are kept",
     ),
     "a crossed obstacle": (
         geojson(feature(degrees(RING)), feature(degrees([(0, 0), (20, 20), (20, 0), (0, 20)]))),
@@ -144,11 +144,11 @@ def test_randomly_changed_field_file_gives_a_field_or_one_line_message(tmp_path,
 
 
 HOSTILE = {
-    "empty": (b"", "the file is empty; create it again"),
-    "blank": (b"\n \n\n", "the file contains no positions; export it again"),
+    "empty": (b"", "the file is empty; create the file again"),
+    "blank": (b"\n \n\n", "the file contains no positions; export the file again"),
     "a bow": (
         metres(BOW).encode(),
-        "the boundary crosses itself at (37.5, 37.5) m between points 1-2 and 3-4; its largest part covers 3125",
+        "the boundary crosses itself at (37.5, 37.5) m between points 1-2 and 3-4; the largest part covers 3125",
     ),
     "a hole around": (geojson(feature(degrees(RING), degrees(2 * RING))).encode(), "the holes cover the whole field"),
     "decimal commas": (b"lat,lon\n52,31,6,72\n52,31,6,73\n", "write decimal points instead of decimal commas"),
@@ -156,7 +156,7 @@ HOSTILE = {
     "decimal commas without names": (b"52,31,6,72\n52,31,6,73\n", "write decimal points instead of decimal commas"),
     "decimal commas in KML": (
         b"<kml><Placemark><LineString><coordinates>6,72,52,31 6,73,52,31</coordinates></LineString></Placemark></kml>",
-        "a position that is not longitude,latitude",
+        "a position is not longitude,latitude",
     ),
     "binary": (bytes(range(256)) * 20, "the file is not text, or contains null bytes; save it as CSV"),
     "zip": (b"PK\x05\x06" + b"\0" * 18, "the folder contains no field; specify a folder with TASKDATA.XML"),

@@ -1,4 +1,4 @@
-"""Coverage against closed forms: parallel passes with known offsets, sections with delays, circles."""
+"""Coverage compared with closed forms: parallel passes with known offsets, sections with delays, and circles."""
 
 from math import pi
 
@@ -16,14 +16,14 @@ EMPTY = shapely.Polygon()
 
 
 def straight(y, first=0.0, last=LENGTH):
-    """Motion along a pass to the east at 2 m/s, a point every 0.1 m."""
+    """Return the motion along a pass to the east at 2 m/s, with a point every 0.1 m."""
     x = np.linspace(first, last, round((last - first) / 0.1) + 1)
     zero = np.zeros_like(x)
     return ImplementMotion(x / SPEED, x, zero + y, zero, x)
 
 
 def strip(y, width=WIDTH):
-    """Ground of a whole pass."""
+    """Return the ground covered by a complete pass."""
     motion = straight(y)
     return swept(motion.between(0.0, LENGTH / SPEED), width / 2, -width / 2)
 
@@ -116,7 +116,7 @@ def test_compass_direction_of_the_nearest_field_side_is_named():
     assert [side_of(*at, field) for at in ((49, 1), (-45, 2), (3, 9), (-2, -8))] == ["east", "west", "north", "south"]
 
 
-def test_excursion_beyond_the_boundary_has_distance_area_and_side():
+def test_excursion_gives_distance_area_and_side_beyond_the_boundary():
     field = shapely.box(0, 0, 100, 50)
     boxes = np.array([shapely.box(-1.5, 20, 1, 22), shapely.box(40, 20, 42, 22)])
     found = excursion({"tractor": boxes, "implement": boxes[1:]}, field)

@@ -1,4 +1,4 @@
-"""Fields from every format: the same polygon, and names, obstacles and headlands of the files."""
+"""Fields from every file format: equal polygons, and the names, obstacles and headlands in the files."""
 
 import zipfile
 
@@ -59,7 +59,7 @@ def test_field_file_with_projected_coordinates_gives_the_same_field(tmp_path):
 
 
 def aog(folder, comma="."):
-    """A field folder of AgOpenGPS with boundary, hole and headland."""
+    """Write a field folder of AgOpenGPS with boundary, hole and headland."""
     folder.mkdir()
 
     def listed(ring):

@@ -1,4 +1,4 @@
-"""Plans: drivable courses that cover the field, and their files."""
+"""Field plans: courses that the machine can follow and that cover the field, and their files."""
 
 import json
 from dataclasses import replace
@@ -27,7 +27,7 @@ from agrobot_mj.paths.track import chain
 
 
 def planned(plan, field, sections=1):
-    """Areas of a plan that is followed exactly."""
+    """Return the areas covered if a plan is followed exactly."""
     return areas(planned_coverage(plan, whole_of(field), body_of(field, plan), sections))
 
 
@@ -48,7 +48,7 @@ def test_plan_respects_the_curvature_limit_of_the_machine(turn):
         assert bends.max() <= 1.001 * max(rig.bends.sharpness, rig.path.sharpness(0.3))
 
 
-def test_each_turn_kind_has_its_own_shape_if_the_headland_is_deep_enough():
+def test_each_turn_kind_has_a_distinct_shape_on_a_deep_enough_headland():
     lengths, cusps = {}, {}
     for turn in ("omega", "bulb", "clothoid", "k"):
         rig = machine(turn=turn)

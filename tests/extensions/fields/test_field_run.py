@@ -1,4 +1,4 @@
-"""Commands of field work: the commands of the page, their files and their messages."""
+"""Commands for field work: commands of the page, their files and their messages."""
 
 import json
 import re
@@ -31,7 +31,7 @@ CORNERS = ((0, 0), (40, 0), (40, 25), (0, 25), (0, 0))
 
 
 def boundary(folder, corners=CORNERS):
-    """A field of 0.1 ha as GeoJSON."""
+    """Write a field of 0.1 ha as a GeoJSON file."""
     ring = [list(to_geodetic(PLANE, *corner)[::-1]) for corner in corners]
     content = {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
     file = folder / "field.geojson"
@@ -41,7 +41,7 @@ def boundary(folder, corners=CORNERS):
 
 @pytest.fixture(scope="module")
 def driven(tmp_path_factory):
-    """The folder in which the commands of the page have been executed."""
+    """Return the folder in which the commands of the page were executed."""
     folder = tmp_path_factory.mktemp("field_run")
     boundary(folder)
     with pytest.MonkeyPatch.context() as patch:
@@ -59,8 +59,8 @@ def test_fields_page_documents_the_three_field_commands():
     assert [" ".join(words[:2]) for words in COMMANDS] == ["field plan", "field run", "report runs/field"]
 
 
-def test_field_run_on_the_folder_of_a_plan_is_rejected_with_the_option(tmp_path, call):
-    """A plan has the coordinates of its boundary file, which its folder does not contain."""
+def test_error_for_a_field_run_on_a_plan_folder_states_the_required_option(tmp_path, call):
+    """The coordinates of a plan are those of its boundary file, which is not in the folder of the plan."""
     assert call("field", "plan", boundary(tmp_path), "--overlap", "0.4", "--out", "planned")[0] == 0
     status, _, err = call("field", "run", "planned")
     assert status == 2
@@ -210,7 +210,7 @@ def test_error_for_an_invalid_option_names_the_option(call, tmp_path, options, m
 
 @pytest.mark.parametrize(
     ("price", "message"),
-    [("fuel=1", "write NAME=VALUE with one of input_ha, yield_ha, hour"), ("hour", "the number is missing")],
+    [("fuel=1", "specify NAME=VALUE with one of input_ha, yield_ha, hour"), ("hour", "the number is missing")],
 )
 def test_error_for_an_invalid_price_names_the_option(call, tmp_path, price, message):
     status, _, err = call("field", "run", str(boundary(tmp_path)), "--price", price, "--out", str(tmp_path / "out"))

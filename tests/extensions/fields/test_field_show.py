@@ -1,4 +1,4 @@
-"""The command `field show`: the description of a field, its map, and messages."""
+"""Command `field show`: description of a field, its map, and messages."""
 
 import json
 
@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("shapely")
 
 TEXT = "x,y\n0,0\n100,0\n100,100\n50,20\n0,100\n0,100\n"
-"""A field with a notch and a repeated point; its area is 0.6 ha."""
+"""Field of 0.6 ha with a notch and a repeated point."""
 
 
 @pytest.fixture
@@ -69,5 +69,5 @@ def test_blank_field_file_name_is_rejected(call, file, arguments):
 def test_incomplete_price_is_rejected_before_planning(call, file):
     assert call("field", "run", file, "--price", "seed=3")[::2] == (
         2,
-        "--price seed=3: write NAME=VALUE with one of input_ha, yield_ha, hour, and a value of at least 0\n",
+        "--price seed=3: specify NAME=VALUE with one of input_ha, yield_ha, hour, and a value of at least 0\n",
     )

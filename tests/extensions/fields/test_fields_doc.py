@@ -1,4 +1,4 @@
-"""The page on fields: its file, its command and its program work as printed."""
+"""Page on fields: its file, its command and its program work as printed."""
 
 import re
 import shlex
@@ -13,7 +13,7 @@ TEXT = (Path(__file__).parents[3] / "docs" / "extensions" / "fields" / "fields.m
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A folder with the file of the page, as working directory."""
+    """Return the working directory, a folder with the file of the page."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "home.csv").write_text(re.search(r"```csv\n(.*?)```", TEXT, re.S)[1], encoding="utf-8")
     return tmp_path

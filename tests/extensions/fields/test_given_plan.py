@@ -1,4 +1,4 @@
-"""Plans of other programs: polylines become courses of the machine."""
+"""Plans of other programs: conversion of polylines to courses of the machine."""
 
 import json
 from dataclasses import replace

@@ -10,14 +10,14 @@ SPACING = 3.0
 
 
 def motion(x, y, yaw, reverse=False):
-    """Motion along points, driven in the opposite direction if `reverse`."""
+    """Return the motion along points, in the opposite direction if `reverse`."""
     parts = [np.asarray(each, dtype=float)[:: -1 if reverse else 1] for each in (x, y, yaw)]
     t = np.linspace(0.0, 1.0, len(parts[0]))
     return ImplementMotion(t, parts[0], parts[1], parts[2] + np.pi * reverse, t)
 
 
 def straight(offset, error, reverse=False, angle=0.4):
-    """A straight swath at a lateral offset, and motion at another offset that is larger by `error`."""
+    """Return a straight swath at a lateral offset, and a motion whose offset is larger by `error`."""
     s = np.linspace(0.0, 60.0, 601)
     c, d = np.cos(angle), np.sin(angle)
     lines = [motion(c * s - d * o, d * s + c * o, np.full(601, angle), reverse) for o in (offset, offset + error)]
@@ -25,7 +25,7 @@ def straight(offset, error, reverse=False, angle=0.4):
 
 
 def arc(radius, error, reverse=False):
-    """A swath on an arc about the origin, and motion on an arc whose radius is larger by `error`."""
+    """Return a swath on an arc about the origin, and a motion on an arc whose radius is larger by `error`."""
     angle = np.linspace(0.0, 1.5, 1501)
     rings = [motion(r * np.cos(angle), r * np.sin(angle), angle + np.pi / 2, reverse) for r in (radius, radius + error)]
     return WorkedPass(*rings)

@@ -1,4 +1,4 @@
-"""Plans of other programs: legs with direction, speed and working state in the plane of the field."""
+"""Plan files of other programs: sections with direction, speed and working state, in field coordinates."""
 
 import json
 
@@ -21,7 +21,7 @@ OUT, BACK = [(10, 10), (190, 10)], [(190, 16), (10, 16)]
 
 
 def degrees(points, origin=ORIGIN):
-    """Longitude and latitude [deg]."""
+    """Return longitude and latitude of local points [deg]."""
     return [list(to_geodetic(origin, *point)[::-1]) for point in np.array(points, dtype=float).tolist()]
 
 

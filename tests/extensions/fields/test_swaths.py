@@ -1,4 +1,4 @@
-"""Swaths, their cells and their order; headland laps."""
+"""Swaths, their cells and their order, and headland laps."""
 
 from math import pi, radians
 
@@ -15,7 +15,7 @@ from agrobot_mj.terrain import Slope
 
 
 def ground(layout, width):
-    """Ground of all swaths that are driven without error."""
+    """Return the ground covered by all swaths without lateral error."""
     boxes = [
         shapely.box(s.start, s.across - width / 2, s.end, s.across + width / 2) for cell in layout.cells for s in cell
     ]

@@ -12,4 +12,4 @@ READERS: Readers = {
     "WKT": (is_wkt, read_wkt),
     "Fields2Cover": (is_fields2cover, read_fields2cover),
 }
-"""Readers for text formats, by name of the format, each with a test of the first characters of the file."""
+"""Readers of text formats by format name, each with a test of the first characters of a file."""

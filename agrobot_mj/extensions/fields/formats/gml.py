@@ -46,7 +46,7 @@ def _system(root: Element) -> tuple[str, bool]:
     try:
         return crs, pyproj.CRS(crs).axis_info[0].direction == "north"
     except pyproj.exceptions.CRSError:
-        raise ValueError(f"srsName: {named[:60]!r} is not a known coordinate system; specify one with crs") from None
+        raise ValueError(f"srsName: {named[:60]!r} is an unknown coordinate system; specify one with crs") from None
 
 
 def _polygons(root: Element) -> Iterator[Polyline]:
@@ -75,5 +75,5 @@ def _points(element: Element) -> Array:
     try:
         points = np.array([float(number) for number in numbers]).reshape(-1, width)[:, :2]
     except ValueError:
-        raise ValueError("the file has coordinates that are not numeric; export it again") from None
+        raise ValueError("the file has coordinates that are not numeric; export the file again") from None
     return points

@@ -21,7 +21,7 @@ OBSTACLES = ("3", "4", "6")  # Type numbers of polygons that the tractor must no
 EXTERIOR, INTERIOR, GUIDANCE = "1", "2", "5"
 """Type codes of line strings: exterior ring, interior ring, guidance line."""
 AB, A_PLUS, BOTH_ENDS = "1", "2", "1"
-"""Type codes of guidance patterns by two points (AB) or point and heading (A+), and code for extension at both ends."""
+"""Type codes of guidance patterns (AB: two points, A+: point and heading), and code for extension at both ends."""
 LINE_M = 1000.0  # Length of a guidance line on each side of its point [m], for a pattern given by a point and a heading
 
 
@@ -76,7 +76,7 @@ def _heading(pattern: Element) -> float:
     try:
         return radians(float(pattern.get("G", "")))
     except ValueError:
-        raise ValueError(f"GPN {pattern.get('A', '')}: the pattern has no heading G; export it again") from None
+        raise ValueError(f"GPN {pattern.get('A', '')}: the pattern has no heading G; export the file again") from None
 
 
 def _through(point: Array, heading: float) -> Array:
@@ -93,5 +93,5 @@ def _points(line: Element) -> Array:
     try:
         found = np.array([(float(each.get("D", "")), float(each.get("C", ""))) for each in line.iter("PNT")])
     except ValueError:
-        raise ValueError("the file has a point PNT without the numbers C and D; export it again") from None
+        raise ValueError("the file has a point PNT without the numbers C and D; export the file again") from None
     return found.reshape(-1, 2)

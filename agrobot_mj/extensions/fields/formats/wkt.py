@@ -12,7 +12,7 @@ from agrobot_mj.paths.imports.shapes import DEGREES
 START = re.compile(
     r"\s*(SRID=\d+;)?\s*((MULTI)?(POLYGON|LINESTRING|POINT)|GEOMETRYCOLLECTION)\s*(Z|M|ZM)?\s*(\(|EMPTY)", re.I
 )
-"""Pattern of the first characters of well-known text. A title row of a CSV file may begin with the word point."""
+"""Pattern of the start of well-known text. The last group rejects CSV title rows that begin with the word point."""
 LARGEST_DEG = 1.0  # Extent below which coordinates without a coordinate system are treated as degrees [deg]
 
 

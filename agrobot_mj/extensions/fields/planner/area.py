@@ -1,4 +1,4 @@
-"""Areas of a field for the planner, with checks of courses: drivable area, and body inside the headland laps."""
+"""Areas of a field for the planner (drivable area, and body inside the headland laps), and checks of courses."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -41,7 +41,7 @@ class Area:
         return offset(self.body, self.rig.width / 2)
 
     def outside(self, x: Array, y: Array, yaw: Array) -> Array:
-        """Return the distances of tractor and implement beyond the boundary for n CG poses, shape (2, n) [m]."""
+        """Return the distances of the tractor and implement beyond the boundary for n CG poses, shape (2, n) [m]."""
         behind = self.rig.behind
         bar = x - behind * np.cos(yaw), y - behind * np.sin(yaw), yaw
         boxes = np.stack([tractor_boxes(self.rig, x, y, yaw), implement_boxes(self.rig, *bar)])
@@ -52,8 +52,8 @@ class Area:
         return found
 
     def faults(self, start: Pose, pieces: tuple[Piece, ...]) -> tuple[float, float]:
-        """Return two violations by a connection [m]: excess over the permitted distance beyond the boundary, and length
-        on the body."""
+        """Return two lengths of a connection [m]: excess over the permitted distance beyond the boundary, and length
+        across the field body."""
         if not any(piece.length > 1e-9 for piece in pieces):
             return 0.0, 0.0
         x, y, yaw = chain(start, pieces).divided().joints()
@@ -85,7 +85,7 @@ def inside_laps(whole: BaseGeometry, plan: Plan) -> BaseGeometry:
 
 
 def area_of(field: Field, headlands: int, rig: FieldMachine, beyond: float = 0.0, margin: float = 0.0) -> Area:
-    """Return the areas of a field: headland laps inside an unworked margin, and the body inside the laps."""
+    """Return the `Area` of a field, with an unworked margin along the boundary and a number of headland laps."""
     whole, first = whole_of(field), margin + rig.overlap / 2
     laps = tuple(smoothed(ring, rig) for ring in rings(offset(whole, first), headlands, rig.spacing))
     return Area(whole, offset(whole, first + headlands * rig.spacing), laps, rig, beyond)

@@ -1,9 +1,9 @@
 """Connections between passes: turns at the ends of adjacent passes, and routes along headland laps to distant passes.
 
-Candidates are evaluated in groups: the preferred turn; other connections, some with a reverse segment; routes along a
-lap. For distant passes, the last two groups are combined. A candidate is free if it stays inside the field and does not
-cross the body. The result is the cheapest free candidate of the first group that contains one. Without free candidates,
-the result is the cheapest candidate, and the plan contains a warning.
+Candidates are evaluated in groups: the preferred turn; other connections, some with a reverse segment; and routes along
+a lap. For distant passes, the last two groups are combined. A candidate is free if it stays inside the field and does
+not cross the field body. The result is the cheapest free candidate of the first group that contains one. Without
+free candidates, the result is the cheapest candidate, and the plan contains a warning.
 """
 
 from collections.abc import Iterator
@@ -39,7 +39,7 @@ Shape = Literal["omega", "bulb", "clothoid", "k"]
 Pieces = tuple[Piece, ...]
 NEAR = 6.0  # Maximum distance at which passes are joined by a turn at their ends [turn radii]. Assumed value.
 OUTSIDE, ACROSS = 50.0, 5.0
-"""Cost of a connection as additional path length per metre outside the field, and per metre across the body [-].
+"""Cost of a connection as additional path length per metre outside the field, and per metre across the field body [-].
 Assumed values."""
 CUSP_M = 5.0  # Cost of a cusp (change of driving direction) [m], as additional path length. Assumed value.
 GENTLE = (2.0, 3.0)  # Radii of gentle bends, as multiples of the turn radius [-]
@@ -49,7 +49,7 @@ ROUTES_TRIED = 8  # Maximum number of evaluated routes along laps, shortest firs
 
 
 class Join(NamedTuple):
-    """Connection between two passes, with its distance beyond the boundary and its length across the body."""
+    """Connection between two passes, with its distance beyond the boundary and its length across the field body."""
 
     pieces: Pieces
     outside: float = 0.0  # Distance beyond the boundary in excess of the permitted distance [m]
@@ -57,12 +57,12 @@ class Join(NamedTuple):
 
     @property
     def free(self) -> bool:
-        """Whether the connection stays inside the field and does not cross the body."""
+        """Whether the connection stays inside the field and does not cross the field body."""
         return self.outside <= 0.0 and self.across <= TOLERANCE_M
 
     @property
     def cost(self) -> float:
-        """Length of the connection plus penalties for leaving the field, crossing the body, and cusps [m]."""
+        """Length of the connection plus penalties for leaving the field, for crossing its body, and for cusps [m]."""
         cusps = sum(a.direction != b.direction for a, b in pairwise(self.pieces))
         return length_of(self.pieces) + OUTSIDE * self.outside + ACROSS * self.across + CUSP_M * cusps
 

@@ -54,8 +54,7 @@ def rings(area: BaseGeometry, count: int, width: float) -> list[Ring]:
 
 
 def _corners(ring: LinearRing, left: bool) -> Array:
-    """Return the corners of a ring, starting with the longest side; counter-clockwise if `left`, otherwise
-    clockwise."""
+    """Return the corners of a ring, counter-clockwise if `left` and otherwise clockwise. The longest side is first."""
     simple = LinearRing(ring).simplify(SIMPLE_M)
     points = np.array(simple.coords)[:-1, :2]
     if LinearRing(points).is_ccw != left:
@@ -76,7 +75,7 @@ def from_point(ring: Ring, distance: float) -> Array:
 
 
 def rounding(rig: FieldMachine) -> Rounding:
-    """Return the parameters for rounding polyline corners with the turn limits of a machine."""
+    """Return the parameters for rounding polyline corners within the turn limits of a machine."""
     path = rig.path
     return Rounding(path.turn_radius_m, CORNER_M, path.speed_m_s, path.lateral_acceleration_m_s2, path)
 

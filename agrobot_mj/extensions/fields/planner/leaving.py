@@ -22,7 +22,7 @@ PLACES_TOLD = 5  # Maximum number of places listed in a warning
 
 @dataclass(frozen=True)
 class Leaving:
-    """Distances of tractor and implement beyond the boundary at n points of a course."""
+    """Distances of the tractor and implement beyond the boundary at n points of a course."""
 
     x: Array  # East coordinate of the CG [m]
     y: Array  # North coordinate of the CG [m]
@@ -32,12 +32,12 @@ class Leaving:
 
     @property
     def laps(self) -> float:
-        """Maximum distance by which the machine exceeds the permitted limit on headland laps [m]."""
+        """Maximum excess over the permitted distance beyond the boundary on headland laps [m]."""
         return float(np.where(self.in_lap, self.excess, 0.0).max())
 
     @property
     def turns(self) -> float:
-        """Maximum distance by which the machine exceeds the permitted limit on swaths, turns and connections [m]."""
+        """Maximum excess over the permitted distance beyond the boundary on swaths, turns and connections [m]."""
         return float(np.where(self.in_lap, 0.0, self.excess).max())
 
     @property
@@ -65,7 +65,7 @@ class Leaving:
 
 
 def leaving(area: Area, start: Pose, pieces: Sequence[Piece], passes: Sequence[PlannedPass] = ()) -> Leaving:
-    """Return the distances of tractor and implement beyond the boundary along a course.
+    """Return the distances of the tractor and implement beyond the boundary along a course.
 
     `passes` determines the points on headland laps.
     """

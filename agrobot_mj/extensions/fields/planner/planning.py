@@ -138,7 +138,7 @@ class _Work:
 
     @cached_property
     def leaving(self) -> Leaving:
-        """Distances of tractor and implement beyond the boundary along the course."""
+        """Distances of the tractor and implement beyond the boundary along the course."""
         return leaving(self.area, self.start or self.pose, self.pieces, self.passes)
 
     def plan(self, name: str, headlands: int, margin: float, notes: Sequence[str]) -> Plan:
@@ -192,7 +192,7 @@ def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
         remedy = f"at least {count} laps ({count * rig.spacing:g} m)" if inside else "a smaller --radius or --width"
         raise ScenarioError(
             f"--headlands {first}: the machine would leave the field by {worst.largest} in its turns; use {remedy}, "
-            "or allow it with --beyond"
+            "or allow this distance with --beyond"
         )
     notes = (
         [f"the plan has {count} headland laps instead of {first}, so that turns stay inside"] if count > first else []

@@ -1,4 +1,4 @@
-"""Machine data for the planner: outlines of tractor and implement, and limits of bends."""
+"""Machine data for the planner: outlines of the tractor and implement, and limits of bends."""
 
 from dataclasses import dataclass
 from typing import cast
@@ -60,7 +60,7 @@ def implement_boxes(rig: FieldMachine, x: Array, y: Array, yaw: Array) -> Array:
 def _boxes(x: Array, y: Array, yaw: Array, front: float, rear: float, side: float) -> Array:
     """Return a rectangle at each pose, as polygons (n,).
 
-    `front`, `rear`, `side` are coordinates of its edges relative to the pose [m], positive ahead and to the left.
+    `front`, `rear` and `side` are coordinates of the edges relative to the pose [m], positive ahead and to the left.
     """
     ahead, left = np.array([front, rear, rear, front]), np.array([side, side, -side, -side])
     c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]

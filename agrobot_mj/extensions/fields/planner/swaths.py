@@ -166,8 +166,8 @@ def _cells(rows: list[list[Swath]]) -> list[list[Swath]]:
 
 
 def ordered(count: int, order: str, across: int) -> list[int]:
-    """Return the swath indices of a cell in the order of travel: ascending, or with the order `skip` in steps of
-    `across` swaths."""
+    """Return the swath indices of a cell in the order of travel: ascending, or in steps of at least `across` swaths if
+    `order` is "skip"."""
     if order == "skip" and across > 1 and count >= 2 * across + 1:
         return list(skipping(count, across))
     return list(range(count))

@@ -130,7 +130,7 @@ def _pieces(word: Word, values: tuple[float, float, float], bends: Bends) -> Ite
 def _refined(
     word: Word, guess: tuple[float, float, float], goal: Pose, bends: Bends
 ) -> tuple[float, float, float] | None:
-    """Return the three parameters of a connection with clothoids, computed from `guess`, or None for no solution."""
+    """Return the three parameters of a connection with clothoids, computed from `guess`, or None without a solution."""
     from scipy.optimize import fsolve  # slow import, needed only with clothoids
 
     def error(values: Array) -> tuple[float, float, float]:
