@@ -7,8 +7,8 @@ Exit status:
 - 2: the input is invalid; one message reports the error, without a traceback.
 - 130: Ctrl-C or SIGTERM interrupted the command.
 
-With `--json` stdout contains one JSON document for every status (`answers`). Commands import large libraries only when
-called, so that `--help` and `list` start fast.
+With `--json`, stdout contains one JSON document for every status (see `answers`). Commands import large libraries only
+when called, so that `--help` and `list` start fast.
 """
 
 import atexit
@@ -38,7 +38,7 @@ BROKEN_OFF = 130  # Exit status of a command interrupted by a signal, as in Unix
 OBJECTS_PER_COLLECTION = 500_000
 """Number of new objects between two garbage collections [-]. Python's default increases the start-up time by 0.25 s."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-"""Error numbers (errno) of a full or faulty disk, which do not indicate invalid input."""
+"""Error numbers (errno) of a full or faulty disk, for which the exit status is 1 instead of 2 (invalid input)."""
 USAGE_ERROR: Any = typer.BadParameter.__bases__[0]
 """Base class of usage errors of the command-line parser, from click or from the copy of click in typer."""
 
@@ -127,9 +127,9 @@ OTHER_NAMES = {
     "output": "--out",
     "verbose": "--help",
 }
-"""Command-line options by the words that users often write instead."""
+"""Command-line options, keyed by words that users often type instead."""
 OTHER_WORDS = {"law": "guidance", "laws": "guidance"}
-"""Scenario tables by the words that users often write instead."""
+"""Scenario tables, keyed by words that users often type instead."""
 
 
 def meant(error: Any) -> str:

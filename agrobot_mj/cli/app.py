@@ -19,7 +19,7 @@ from agrobot_mj.core.resources import installed
 from agrobot_mj.core.version import __version__
 
 Commands = Mapping[Callable[..., Any], HelpEntry | Sequence[str]]
-"""Command functions, each with its help entry or its examples. Functions with only examples are listed last."""
+"""Command functions, each with its help entry or, for the panel `Other commands`, only its examples."""
 CORE: Commands = {
     runs.run: listed(
         "Run",

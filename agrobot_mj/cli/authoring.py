@@ -18,7 +18,7 @@ def list_(
 ) -> Answer:
     """List the scenarios of the library."""
     if kinds + sweeps + machines > 1:
-        raise ScenarioError("list: --kinds, --sweeps and --machines exclude each other; specify only one of them")
+        raise ScenarioError("list: --kinds, --sweeps and --machines are mutually exclusive; specify only one of them")
     if kinds:
         from agrobot_mj.scenario.reference import kinds_text, known_kinds
 
@@ -38,7 +38,7 @@ def explain(
 ) -> None:
     """Explain a key: unit, default, range, kinds, source.
 
-    Other words are searched for in the names of keys, then in their descriptions.
+    A word that is not a key is searched for in the names of keys, then in their descriptions.
     """
     from agrobot_mj.scenario.reference import explain_key
 

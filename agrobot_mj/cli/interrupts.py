@@ -8,7 +8,7 @@ from agrobot_mj.core.interrupts import handled_by
 
 
 class Stop:
-    """Request to end a run early. A run calls this object in each tick, and ends if the result is True."""
+    """Function object that a run calls in each tick. The run ends if the result is True."""
 
     def __init__(self) -> None:
         self.requested = self.running = False
@@ -21,8 +21,8 @@ class Stop:
 
 @contextmanager
 def stop_on_signals() -> Iterator[Stop]:
-    """Yield a `Stop`, which the first signal requests. A second signal, or a signal before the first tick, for example
-    during compilation, raises KeyboardInterrupt."""
+    """Yield a `Stop` that ends the run after the first signal. A second signal, or a signal before the first tick, for
+    example during compilation, raises KeyboardInterrupt."""
     stop = Stop()
 
     def handle(_number: int, _frame: Any) -> None:

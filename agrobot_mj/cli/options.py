@@ -43,14 +43,14 @@ Plugins = Annotated[
 
 
 def number(value: float | None) -> float | None:
-    """Return the number of an option, which may be infinite. Raises BadParameter for NaN."""
+    """Return the numeric value of an option, which may be infinite. Raises BadParameter for NaN."""
     if value is not None and isnan(value):
         raise typer.BadParameter("is not a number")
     return value
 
 
 def finite(value: float | None) -> float | None:
-    """Return the finite number of an option. Raises BadParameter for NaN, infinity and values that overflow."""
+    """Return the finite value of an option. Raises BadParameter for NaN, infinity and values that overflow."""
     if value is not None and not isfinite(value):
         raise typer.BadParameter("must be a finite number")
     return value
@@ -106,7 +106,7 @@ def utf8(text: str, option: str) -> str:
         return os.fsencode(text).decode("utf-8")
     except UnicodeError:
         shown = shortened(ascii(text))
-        raise ScenarioError(f"{option} {shown}: the text is not valid UTF-8; write it in UTF-8") from None
+        raise ScenarioError(f"{option} {shown}: the text is not valid UTF-8; specify the text in UTF-8") from None
 
 
 def with_plugins(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -124,7 +124,7 @@ def with_plugins(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def with_machine(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the option `--machine` to a command with overrides. The machine is applied before the other overrides."""
+    """Add the option `--machine` to a command that accepts overrides. The machine is applied before these overrides."""
     if "sets" not in signature(command).parameters:
         return command
 
@@ -139,7 +139,7 @@ def with_machine(command: Callable[..., Any]) -> Callable[..., Any]:
 def with_option(
     begun: Callable[..., Any], command: Callable[..., Any], name: str, kind: Any, default: Any = None
 ) -> Callable[..., Any]:
-    """Return the function `begun` with the signature of `command` and an additional option `name`."""
+    """Give the wrapper function `begun` the signature of `command` and an additional option `name`, and return it."""
     own = signature(command)
     option = Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
     begun.__signature__ = own.replace(parameters=[*own.parameters.values(), option])  # type: ignore[attr-defined]
@@ -162,7 +162,7 @@ def seconds(text: str) -> list[float]:
     except ValueError:
         times = []
     if not times or not all(0 <= t < float("inf") for t in times):
-        raise ScenarioError(f"--at {text}: write comma-separated seconds, for example 5,60,120")
+        raise ScenarioError(f"--at {text}: specify comma-separated seconds, for example 5,60,120")
     return times
 
 

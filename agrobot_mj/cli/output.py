@@ -13,7 +13,7 @@ MOST_SCENARIOS, MOST_LINES = 100, 10
 
 
 def print_hints(scenarios: "Iterable[Scenario]", quiet: bool) -> list[str]:
-    """Print the hints about the first scenarios to stderr without duplicates. Return the hints, or [] if `quiet`."""
+    """Print the hints about the first scenarios to stderr, omitting duplicates. Return the hints, or [] if `quiet`."""
     if quiet:
         return []
     from agrobot_mj.scenario.hints import hints

@@ -19,11 +19,11 @@ class HelpEntry(NamedTuple):
     panel: str = "Other commands"
     advanced: bool = False  # Whether only `--help-all` lists the command
     now: str = ""
-    """Command that replaces a deprecated command, which is hidden and will be removed in the next version."""
+    """Replacement of a deprecated command. Deprecated commands are hidden, and removed in the next version."""
 
 
 def listed(panel: str, *examples: str, advanced: bool = False) -> HelpEntry:
-    """Return the help entry of a command, with its panel and example command lines."""
+    """Return a help entry with the panel and the example command lines of a command."""
     return HelpEntry(examples, panel, advanced)
 
 

@@ -21,7 +21,7 @@ def view(
     file: Recorded,
     web: Annotated[bool, typer.Option("--web", help="Open it in a browser on this machine.")] = False,
 ) -> None:
-    """Open a recording in the Rerun viewer; works without a network."""
+    """Open a recording in the Rerun viewer. No network is needed."""
     from agrobot_mj.recording.transport import viewer
     from agrobot_mj.recording.transport.mending import whole
 
@@ -52,7 +52,7 @@ def snapshot(
     from agrobot_mj.simulation.results import results
 
     if gif and mp4:
-        raise ScenarioError("snapshot: --gif and --mp4 exclude each other; specify only one of them")
+        raise ScenarioError("snapshot: --gif and --mp4 are mutually exclusive; specify only one of them")
     _check_recording(file)
     kind: Kind = "mp4" if mp4 else "gif" if gif else "png"
     folder = results_folder(out, f"snapshots-{file.stem}")

@@ -1,6 +1,6 @@
 """Commands that simulate one run, or compare laws, variants, plants and seeds.
 
-Example of a value of `--variant`: `worn: steering.valve.dead_band_v=0.8, path.points=[[0, 0], [9, 0]]`.
+Example of `--variant`: `worn: steering.valve.dead_band_v=0.8, path.points=[[0, 0], [9, 0]]`.
 """
 
 import sys
@@ -68,7 +68,7 @@ def run(
 
 
 def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ...]":
-    """Return the recorder of a run, with a file in `folder`, a live viewer or both, or an empty tuple for neither."""
+    """Return the recorders of a run: one that writes to a file, to a live viewer or to both, or none."""
     from agrobot_mj.simulation.storage import RECORDING, can_record
 
     if not live and not (recorded and can_record()):
@@ -79,7 +79,7 @@ def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ..
 
 
 def answer(log: "Log", folder: Path, hints: list[str], about: list[str]) -> Answer:
-    """Return the result of a command that simulated one run. The first line of text is the outcome with `about`."""
+    """Return the result of a command that simulated one run. The first line contains the outcome and texts `about`."""
     from agrobot_mj.metrics.safety import drift_text
     from agrobot_mj.simulation.diagnosis import attribution
 

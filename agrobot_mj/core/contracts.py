@@ -34,7 +34,7 @@ def check_overrides(overrides: object) -> None:
 
 
 def check_update(found: Any, message: type[Message], stage: str, kind: str, method: str) -> tuple[Any, Message]:
-    """Return the pair `found`. Raises `ScenarioError` unless it consists of a state and an instance of `message`."""
+    """Return the pair `found`. Raises `ScenarioError` unless the pair contains a state and an instance of `message`."""
     if isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], message):
         return found
     raise _refusal(found, f"its state and {_one(message)}", stage, kind, method)
@@ -48,7 +48,7 @@ def check_type(found: Any, wanted: type[Message], stage: str, kind: str, method:
 
 
 def check_pair(found: Any, wanted: str, stage: str, kind: str, method: str) -> tuple[Any, Any]:
-    """Return the pair `found`. Raises `ScenarioError` for other values; `wanted` describes the expected pair."""
+    """Return `found` if it is a pair. Otherwise raise `ScenarioError`; `wanted` describes the expected pair."""
     if isinstance(found, tuple) and len(found) == 2:
         return found
     raise _refusal(found, wanted, stage, kind, method)

@@ -19,8 +19,8 @@ LIKENESS = 0.6  # Minimum similarity of a word suggested in place of an unknown 
 
 
 def shortened(text: str, most: int = LONGEST_VALUE) -> str:
-    """Return `text`, or for more than `most` characters its beginning and end joined by an ellipsis, followed by its
-    length."""
+    """Return `text`, abbreviated if longer than `most` characters: an ellipsis replaces the middle, and the length
+    follows."""
     return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 4 :]} ({len(text)} characters)"
 
 
@@ -77,7 +77,7 @@ def installed(module: str) -> bool:
 
 
 def missing_extra(error: ModuleNotFoundError) -> str:
-    """Return the install instruction if `error` is about an optional library, or an empty string for other modules."""
+    """Return the install instruction if `error` reports a missing optional library, otherwise an empty string."""
     package = (error.name or "").partition(".")[0]
     if package not in EXTRAS:
         return ""

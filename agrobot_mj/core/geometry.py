@@ -29,7 +29,7 @@ def from_heading(yaw: float, forward: float, left: float) -> tuple[float, float]
 
 
 def along_arc(start: tuple[float, float, float], curvature: float, distance: float) -> tuple[float, float, float]:
-    """Return x, y [m] and heading [rad] after a `distance` [m] from pose `start` along an arc of `curvature` [1/m]."""
+    """Return x, y [m] and heading [rad] at a `distance` [m] from pose `start` along an arc of `curvature` [1/m]."""
     x, y, yaw = start
     half_turn = curvature * distance / 2
     chord = distance * (sin(half_turn) / half_turn if half_turn else 1.0)

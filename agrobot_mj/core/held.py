@@ -1,4 +1,4 @@
-"""References to states of compiled stages; the states stay in compiled memory.
+"""References to states of compiled stages; the states remain in the memory of the compiled code.
 
 A stage with an argument or a result annotated `Held[State]` takes or returns a reference. `kernels.held` creates a
 reference, and `kernels.fetched` returns its named tuple. References save time: converting a state of 300 numbers to
@@ -39,7 +39,7 @@ class HeldType(types.StructRef):  # type: ignore[misc]
 
 @unbox(HeldType)
 def _taken(kind: Any, reference: Any, c: Any) -> Any:
-    """Convert a held Python reference to a native reference, borrowed by kernels without reference counting."""
+    """Convert a Python reference to a native reference, which kernels without reference counting borrow."""
     native = cgutils.create_struct_proxy(kind)(c.context, c.builder)
     native.meminfo = _word(c.builder, reference, 2)  # after the header of a Python object
     if c.context.enable_nrt:
@@ -55,7 +55,7 @@ def _word(builder: Any, pointer: Any, k: int) -> Any:
 
 @intrinsic  # type: ignore[misc, unused-ignore]
 def value_of(_: Any, reference: Any) -> Any:
-    """Return the named tuple that a native reference points to; also valid in kernels without reference counting."""
+    """Return the named tuple that a native reference points to, also in kernels without reference counting."""
 
     def read(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         native = cgutils.create_struct_proxy(reference)(context, builder, value=arguments[0])

@@ -116,7 +116,7 @@ def _version(name: str) -> str:
 
 
 def program_digest(parts: Iterable[str] = PARTS) -> str:
-    """Return one digest of the MJCF models, the source folders `parts`, and the extensions that add kinds."""
+    """Return one digest of the MJCF models, the source folders `parts`, and the extensions that add model kinds."""
     with_kinds = sorted(path.parent for path in PACKAGE.glob("extensions/*/kinds.py"))
     places = [*(PACKAGE / part for part in parts), *with_kinds]
     found = [path for place in places for path in sorted(place.rglob("*.py"))]
@@ -129,7 +129,7 @@ PROGRAM = program_digest()  # Digest of the sources at the start of this process
 def take_in(name: str, member: type | None = None) -> None:
     """Add the files of a loaded module, and of the modules that it imports, to the plugins part of the run identity.
 
-    For a class `member` defined interactively, for example in a notebook, the compiled code is added.
+    For a class `member` defined interactively, for example in a notebook, the bytecode of its methods is added.
     """
     if member and not _place(name):
         functions = (getattr(part, "__code__", None) for part in vars(member).values())

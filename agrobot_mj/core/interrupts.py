@@ -1,7 +1,7 @@
 """Delay of signals during atomic work, and temporary handlers for SIGINT and SIGTERM.
 
 Python runs signal handlers between two instructions of the main thread. A handler that raises an exception, such as
-KeyboardInterrupt, aborts the work at this point. `held_back` delays handlers to the end of a block. `deferring` runs
+KeyboardInterrupt, aborts the work at this point. `held_back` delays handlers until the end of a block. `deferring` runs
 handlers only when the block calls `deliver`. Signals without a handler keep their default action. Other threads run no
 handlers.
 """
@@ -93,7 +93,7 @@ class Block:
 
 
 def held_back() -> Block:
-    """Delay signals to the end of the outermost `with` block, for atomic work of milliseconds.
+    """Delay signals until the end of the outermost `with` block, for atomic work that takes milliseconds.
 
     A signal interrupts a block that has been open for longer than `PATIENCE_S`.
     """
@@ -101,7 +101,7 @@ def held_back() -> Block:
 
 
 def until_the_end() -> Block:
-    """Delay signals to the end of the block, without time limit, because some C code discards callback exceptions.
+    """Delay signals until the end of the block, without time limit, for C code that discards exceptions of callbacks.
 
     At the end of the block, the handlers run if the outermost block has been open for longer than `PATIENCE_S`.
     """
@@ -109,7 +109,7 @@ def until_the_end() -> Block:
 
 
 def deferring() -> Block:
-    """Delay signals to the next call of `deliver` or the end of the block, for runs and tasks of seconds or minutes."""
+    """Delay signals until the next call of `deliver` or the end of the block, for work of seconds or minutes."""
     return Block(False)
 
 

@@ -60,7 +60,7 @@ def _cache() -> Path | None:
 
 
 def _home() -> Path:
-    """Return the parent folder of all caches in the user's cache folder, or in a temporary folder without a home."""
+    """Return the parent folder of all caches, in the user's cache folder or, without a home, in a temporary folder."""
     try:
         return user_cache_path("agrobot_mj") / "kernels"
     except (RuntimeError, KeyError):  # no HOME and no entry in the password file
@@ -152,7 +152,7 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the compiled code for the argument types `sig`, or None if the cache does not contain the code.
 
-        Unlike numba's method, this method does not import numba's registries, which takes 0.2 s.
+        Unlike numba's method, this method does not import numba's registries; their import takes 0.2 s.
         """
         rtsys.initialize(target_context)
         load = self._load_overload
@@ -167,7 +167,7 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
             self._intact(lambda: save(sig, data))
 
     def _intact(self, work: Callable[[], Any]) -> Any:
-        """Return the result of a cache access, repeated after damaged files are deleted, or None on a disk error."""
+        """Return the result of a cache access, or None on a disk error. Damaged files are deleted before a retry."""
         try:
             return work()
         except _DamagedError:
@@ -178,7 +178,7 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
 
     @contextmanager
     def compiling(self) -> Iterator[None]:
-        """Lock a missing function while it is compiled, so that other processes wait for the compiled code."""
+        """Lock an uncached function while it is compiled, so that other processes wait for the compiled code."""
         handle, index = None, Path(self._cache_file._index_path)
         if not index.exists():
             with suppress(OSError):

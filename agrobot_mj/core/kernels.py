@@ -41,7 +41,7 @@ for _name in ("wrap", "to_heading", "from_heading", "along_arc", "to_level", "to
 
 @shared
 def copy_into(target: Any, source: Any) -> None:
-    """Write the elements of an array to an array of the same shape, which is not checked.
+    """Copy the elements of an array to another array. The shapes must be equal, and are not checked.
 
     This loop compiles faster than an assignment to a slice, whose error for different shapes takes 2 s to compile.
     """
@@ -71,7 +71,7 @@ def bound(function: Any, *arguments: object) -> Callable[..., Any]:
         return cast(Callable[..., Any], function)
     kinds = tuple(HeldType(KINDS[number_of(a)]) if type(a) is Reference else typeof(a) for a in arguments)
     entry, hints = _entry(function, *kinds), get_type_hints(function.py_func, include_extras=True)
-    _check_references(hints["return"], function.overloads[kinds].signature.return_type)
+    _check_references(function.__name__, hints["return"], function.overloads[kinds].signature.return_type)
     return entry
 
 
@@ -102,7 +102,8 @@ def stage(function: F) -> F:
                 if isinstance(kind, HeldType) and number_of(given) != kind.number:
                     raise TypeError(f"{function.__name__}: an argument must be a reference to {kind.types[0]}")
             entries.append(_entry(compiled, *kinds.values()))
-            _check_references(known["return"], compiled.overloads[tuple(kinds.values())].signature.return_type)
+            found = compiled.overloads[tuple(kinds.values())].signature.return_type
+            _check_references(function.__name__, known["return"], found)
         return entries[0](*arguments)
 
     return cast(F, call)
@@ -119,13 +120,13 @@ def _entry(compiled: Any, *kinds: types.Type) -> Callable[..., Any]:
 _KEPT: list[Any] = []
 
 
-def _check_references(hint: Any, found: Any) -> None:
+def _check_references(name: str, hint: Any, found: Any) -> None:
     """Raise TypeError unless the references in the result of a compiled function have the types of its annotation."""
     if get_origin(hint) is tuple:
         for part, kind in zip(get_args(hint), found, strict=True):
-            _check_references(part, kind)
+            _check_references(name, part, kind)
     elif get_origin(hint) is Annotated and declared(hint).number != found.number:
-        raise TypeError(f"a stage must return a reference to {declared(hint).types[0]}, got {found.types[0]}")
+        raise TypeError(f"{name} must return a reference to {declared(hint).types[0]}, got {found.types[0]}")
 
 
 def declared(hint: Any) -> types.Type:
@@ -156,7 +157,7 @@ def held(value: T, as_it_is: bool = False) -> T:
 
 
 def fetched(value: T) -> T:
-    """Return the named tuple that a reference points to, or other values unchanged. Kernels may call this function."""
+    """Return the named tuple that a reference points to, and other values unchanged. Kernels may call this function."""
     return cast(T, _fetcher(number_of(value))(value)) if type(value) is Reference else value
 
 
@@ -218,8 +219,8 @@ def kernel_method(name: str) -> None:
 def _compiled(function: F, **options: object) -> F:
     """Return a function that is compiled on its first call.
 
-    Kernels use a second version without an interface to Python. The interface converts named tuples with hundreds of
-    numbers, and takes longer to compile than most functions.
+    Other kernels use a second version of the function without an interface to Python. The interface converts named
+    tuples with hundreds of numbers, and takes longer to compile than most functions.
     """
     compiled = _dispatcher(function, False, **options)
 

@@ -10,7 +10,7 @@ LONGEST = 60  # Maximum number of characters of a safe name
 def safe_names(names: Iterable[str]) -> list[str]:
     """Return the names reduced to ASCII letters, digits, dots, dashes and underscores, in the same order.
 
-    The results are unique, even without regard to case. Names that are already safe stay unchanged.
+    The results are unique even if case is ignored. Names that are already safe stay unchanged.
     """
     found: list[str] = []
     taken: set[str] = set()

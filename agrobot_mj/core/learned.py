@@ -19,7 +19,7 @@ LEARNED = "learned.parquet"
 MOST_BYTES = 50e6  # Maximum size of an input file, a map of 1000 km [bytes]
 
 Learned = Mapping[str, Array]
-"""Learned values by quantity, shape (n, 2). Columns: arc length [m], or NaN without a location, and value."""
+"""Learned values by quantity, as arrays of shape (n, 2): arc length [m], or NaN without a location, and value."""
 
 
 def learned_table(learned: Learned) -> Any:

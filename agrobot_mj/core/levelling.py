@@ -34,7 +34,7 @@ class SmoothedTilt(NamedTuple):
         return SmoothedTilt(self.roll + d_roll, self.pitch + d_pitch, d_roll / dt, d_pitch / dt)
 
     def heading_rate(self, gyro: float, body: bool) -> float:
-        """Return the heading rate [rad/s] from a gyro about the vertical axis or, if `body`, the chassis z axis."""
+        """Return the heading rate [rad/s] from a gyro whose axis is vertical or, if `body`, the chassis z axis."""
         if body:
             return (gyro + self.pitch_rate * sin(self.roll)) / (cos(self.roll) * cos(self.pitch))
         return gyro + self.roll_rate * sin(self.pitch)

@@ -17,7 +17,7 @@ class SignalLine(NamedTuple):
     pending: tuple[float, ...] = ()  # Values in transit, oldest first
 
     def carried(self, value: float, distortion: Distortion, dt: float) -> "tuple[SignalLine, float]":
-        """Return the line after a tick of `dt` [s], and the received value. NaN (no signal) is transmitted as NaN."""
+        """Return the state after a tick of `dt` [s], and the received value. NaN (no signal) is transmitted as NaN."""
         if distortion == SOUND or value != value:
             return SignalLine(value), value
         if distortion.lost:

@@ -1,8 +1,8 @@
 """Generation of machine code only for functions that Python calls.
 
 Numba optimizes each function and generates its machine code, and then optimizes the function again as a part of each
-caller. Here a function that only other kernels call stays LLVM code, which the caller includes. This halves the
-compilation time and does not change results.
+caller. With this module, a function that only kernels call remains LLVM code, which its callers include. This
+halves the compilation time and does not change results.
 """
 
 from typing import Any
@@ -18,7 +18,7 @@ ENVIRONMENT = "_ZN08NumbaEnv"  # Prefix of the global variables with the Python 
 
 
 class _Library(JITCodeLibrary):  # type: ignore[misc]
-    """Library with the code of one function. Machine code is generated when its address is first requested."""
+    """Library with the code of one function. Machine code is generated on the first request of its address."""
 
     _generated = False
 
@@ -83,7 +83,7 @@ _set = JITCPUCodegen.set_env
 def _environments_with_constants(found: CompileResult) -> list[Any]:
     """Return the numba environments of a compiled function that contain Python constants.
 
-    Others are omitted, because loading an environment imports its module, in 0.1 s for numba's array functions.
+    Other environments are omitted: loading imports their modules, which takes 0.1 s for numba's array functions.
     """
     return [environment for environment in _environments(found) if environment.consts]
 

@@ -76,7 +76,7 @@ def branch(generator: Generator, number: int) -> None:
 
 
 _BRANCH = int.from_bytes(blake2b(b"branch", digest_size=4).digest(), "little")
-"""Element of the spawn keys of branches. It differs from the child numbers used by `SeedSequence.spawn`."""
+"""Element of the spawn keys of branches, different from the child numbers used by `SeedSequence.spawn`."""
 
 
 def gauss_markov(value: float, white: float, dt: float, correlation: float) -> float:

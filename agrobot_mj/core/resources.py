@@ -53,7 +53,7 @@ def machine_files() -> dict[str, Path]:
 
 
 def installed(group: Literal["plugins", "commands", "reports"]) -> list[EntryPoint]:
-    """Return the entry points of extensions and installed packages that add kinds, commands, or report pages.
+    """Return the entry points of extensions and installed packages that add model kinds, commands, or report pages.
 
     Extensions come first. Extensions whose folder was removed are omitted.
     """
@@ -85,11 +85,11 @@ def stamp(name: str) -> Stamp | None:
 def stamped(name: str, kinds: Sequence[str], most_bytes: int) -> Stamp:
     """Return the stamp of a file that passes the checks of `checked`. Raises ValueError otherwise."""
     path = checked(name, kinds, most_bytes)
-    return stamp(name) or refuse(path, "the file no longer exists; create it again")
+    return stamp(name) or refuse(path, "the file no longer exists; create the file again")
 
 
 def absence(path: Path, fix: str = "") -> str:
-    """Return the reason why a path is no regular file: it is missing, or a folder, device or pipe; and the `fix`."""
+    """Return the reason why a path is not a regular file, for example that it is missing, and the `fix`."""
     reason = "no such file"
     with suppress(OSError):  # as in `is_file`
         if path.exists():
@@ -103,7 +103,7 @@ def folder_absence(path: Path) -> str:
 
 
 def checked(name: str, kinds: Sequence[str], most_bytes: int) -> Path:
-    """Return the path of a regular file with one of the endings `kinds` and at most `most_bytes` bytes.
+    """Return the path of a regular file that has one of the name endings `kinds` and at most `most_bytes` bytes.
 
     Empty `kinds` permit any ending. Raises ValueError with the file name and the fix if a check fails.
     """
@@ -120,7 +120,7 @@ def checked(name: str, kinds: Sequence[str], most_bytes: int) -> Path:
     if kinds and path.suffix.lower() not in kinds:
         refuse(path, f"unknown file type {path.suffix!r}; convert the file to one of {', '.join(kinds)}")
     if size == 0:
-        refuse(path, "the file is empty; create it again")
+        refuse(path, "the file is empty; create the file again")
     if size > most_bytes:
         limit = f"{most_bytes / 1e6:.0f} MB"
         refuse(path, f"the file size is {size / 1e6:.3g} MB, but the limit is {limit}; crop or downsample it")

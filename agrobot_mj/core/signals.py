@@ -177,7 +177,7 @@ class Conditions(NamedTuple):
     gnss_offset: tuple[float, float] = (0.0, 0.0)  # Offset of the position of the solution, east and north [m]
     gnss_velocity_offset: tuple[float, float] = (0.0, 0.0)  # Offset of the velocity, east and north [m/s]
     gnss_frozen: Frozen = ""
-    """Velocity reported by a receiver whose position is frozen, see `Frozen`; "" if not frozen."""
+    """Velocity reported by a receiver whose position is frozen (see `Frozen`), or "" if the position is not frozen."""
     heading: Distortion = SOUND  # Distortion of the heading measured by two antennas [rad]
     gyro: Distortion = SOUND  # Distortion of the yaw rate measured by the gyro [rad/s]
     wheel_speed: Distortion = SOUND  # Distortion of the measured wheel speed [m/s]
@@ -238,7 +238,7 @@ class Estimate(NamedTuple):
     y: float
     """North coordinate of the CG [m]."""
     yaw: float
-    """Heading [rad], wrapped to (-pi, pi]. Estimators of the course of R store this course instead."""
+    """Heading, or course of the rear-axle point R if the estimator estimates the course [rad], wrapped to (-pi, pi]."""
     speed: float
     """Velocity of the rear-axle point R along `yaw`, negative in reverse [m/s]."""
     yaw_rate: float
@@ -255,7 +255,7 @@ class Estimate(NamedTuple):
     """Bias of the measured steering angle [rad], positive to the left: measured angle minus the angle that explains
     the motion. NaN if not estimated."""
     sideslip: float = 0.0
-    """Course of the rear-axle point R minus the heading [rad]; 0 if `yaw` is the heading, or if not identifiable."""
+    """Course of the rear-axle point R minus heading [rad]; 0 if `yaw` is the heading, or if not identifiable."""
     aligned: bool = True
     """Whether the filter has determined the yaw. Before this alignment `yaw` is the initial value."""
     fix_age: float = nan
@@ -322,9 +322,9 @@ class Command(NamedTuple):
     speed: float
     """Commanded velocity along the heading [m/s], negative in reverse."""
     steer_voltage: float | None = None
-    """Voltage of the steering valve [V] from a guidance law that bypasses the steering loop; otherwise None."""
+    """Voltage of the steering valve [V] from a guidance law that bypasses the steering loop, otherwise None."""
     pedal: float | None = None
-    """Pedal position from -1 to 1 [-] that bypasses the speed loop, for stopping at unknown speed; otherwise None."""
+    """Pedal position from -1 to 1 [-] that bypasses the speed loop to stop at unknown speed, otherwise None."""
     released: bool = False
     """Whether the pedal valve is unpowered, so that a spring returns the pedal independently of the pedal sensor."""
 

@@ -74,10 +74,10 @@ CarcassShare = Annotated[float, Field(ge=0.05, le=2)]
 
 
 class Discrete(NamedTuple):
-    """Annotation of a key that accepts only some numbers between its limits."""
+    """Annotation of a key that accepts only certain values within its limits."""
 
     nearest: Callable[[float], float]
-    """Function that returns the accepted number nearest to a number between the limits."""
+    """Function that returns the accepted value nearest to a number within the limits."""
 
 
 def nearest_tick(seconds: float) -> float:
@@ -94,7 +94,7 @@ def whole_ticks(seconds: float) -> float:
 
 
 UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
-"""Pattern of control characters, separators, bidirectional marks and lone surrogates, which disturb a terminal."""
+"""Pattern of control characters, separators, bidirectional marks and lone surrogates, which corrupt terminal output."""
 
 
 def printable(text: str) -> str:
@@ -105,8 +105,8 @@ def printable(text: str) -> str:
 
 
 SOFTEST_KPA, FIRMEST_KPA = 50.0, 5000.0
-"""Minimum and maximum accepted cone index of a soil [kPa]. Assumed values: tyre data cover about 200-2000; on much
-softer soil a tractor gets stuck, and much firmer ground is a road."""
+"""Minimum and maximum accepted cone index of a soil [kPa]. Assumed values: tyre data cover about 200-2000 kPa; a
+tractor gets stuck on much softer soil, and much firmer ground is a road."""
 
 
 def cone_index_in_range(kpa: float) -> float:
@@ -146,7 +146,7 @@ class Spec(BaseModel):
 
     @classmethod
     def describe(cls, key: str) -> str:
-        """Return the printable description of a key: by default its docstring, or an empty string without docstring."""
+        """Return the printable description of a key: by default its docstring, or an empty string if there is none."""
         text = cls.model_fields[key].description or attribute_docstrings(cls).get(key, "")
         return "\n".join(UNPRINTABLE.sub("", line) for line in text.split("\n"))
 
@@ -178,9 +178,9 @@ def _limits(field: FieldInfo) -> tuple[float, float]:
 
 
 def nearest_value(owner: type[Spec], key: str, value: float) -> float:
-    """Return the number that a key of the class `owner` accepts nearest to `value`, for integers and `Discrete`.
+    """Return the number nearest to `value` that an integer or `Discrete` key of the class `owner` accepts.
 
-    Other values are rounded to ten digits. Values beyond the limits of a `Discrete` key remain invalid.
+    For other keys, `value` is rounded to ten digits. Values beyond the limits of a `Discrete` key remain invalid.
     """
     if (field := owner.model_fields.get(key)) is not None:
         kinds, (low, high) = _nested(field.annotation), _limits(field)
@@ -193,7 +193,7 @@ def nearest_value(owner: type[Spec], key: str, value: float) -> float:
 
 
 def _nested(annotation: Any) -> list[Any]:
-    """Return an annotation with all its arguments, for example the types of a union."""
+    """Return a list of an annotation and all its nested arguments, for example the types of a union."""
     return [annotation, *(part for argument in get_args(annotation) for part in _nested(argument))]
 
 

@@ -31,7 +31,7 @@ SAME_TIME = 1.5
 """Mean number of rows per time value [-] above which an error message recommends exporting more digits of the times."""
 LATEST_STEP_S = 1e-5  # Median time step below which the times cannot be in seconds [s]
 MOST_STEPS = 1e8
-"""Maximum duration of a log divided by its median time step [-]: a year at 3 Hz. A larger ratio means a wrong time."""
+"""Maximum duration of a log divided by its median time step [-]: a year at 3 Hz. A log above this ratio is rejected."""
 NAME = b"name"  # Key of the log's name in the table metadata
 PARQUET = b"PAR1"  # First bytes of a Parquet file
 CONTROL = re.compile(r"[\x00-\x08\x0e-\x1a]")  # Pattern of a character that text does not contain
@@ -66,7 +66,7 @@ def read_columns(source: Source, wanted: Sequence[str], why: dict[str, str] | No
     """Return columns of a log as arrays of floats with shape (n,). Empty cells are NaN, and clock times are in seconds.
 
     `why` names the scenario key that requests each column, for error messages. Raises `FieldLogError` if the file is
-    unreadable, if a column is missing or has no numbers, or if there are more than `MOST_ROWS` rows.
+    unreadable, if a column is missing or contains no numbers, or if there are more than `MOST_ROWS` rows.
     """
     cells = _cells(source, wanted, why)
     return {column: _floats(source_name(source), column, cells(column)) for column in dict.fromkeys(wanted)}
@@ -100,14 +100,14 @@ def _cells(source: Source, wanted: Sequence[str], why: dict[str, str] | None) ->
         table = _csv(source, wanted)
         rows, cells = table.num_rows, table.column
     if not rows:
-        raise FieldLogError(f"{name}: the file has column names but no rows; export it again")
+        raise FieldLogError(f"{name}: the file has column names but no rows; export the file again")
     if rows > MOST_ROWS:
         raise FieldLogError(f"{name}: the file has {rows:.3g} rows, but the limit is {MOST_ROWS:.3g}; split the file")
     return cells
 
 
 def loaded(source: Source) -> Source:
-    """Return a log that can be read by columns; a CSV file becomes a table.
+    """Return a log that can be read by columns. A CSV file is converted to a table.
 
     Raises `FieldLogError` for an unreadable file.
     """
@@ -179,7 +179,7 @@ def _page(path: Path, column: str) -> pa.ChunkedArray:
         return pq.read_table(path.absolute(), columns=[column])[column]
     except (pa.ArrowException, OSError, KeyError, ValueError) as error:
         raise FieldLogError(
-            f"{path.name}: {column!r} cannot be read: {_first_line(error)}; the file is damaged, export it again"
+            f"{path.name}: {column!r} cannot be read: {_first_line(error)}; the file is damaged, export the file again"
         ) from None
 
 
@@ -238,7 +238,7 @@ def _floats(name: str, column: str, cells: pa.ChunkedArray) -> Array:
 
 
 def _numpy(cells: pa.ChunkedArray, origin: int) -> Array:
-    """Return cells minus `origin` as a writable array. The integer difference keeps all digits of nanoseconds."""
+    """Return cells minus `origin` as a writable array. Subtracting integers keeps all digits of nanoseconds."""
     if origin:
         return np.array([np.nan if v is None else float(v - origin) for v in cells.to_pylist()])
     return np.array(cells.to_numpy(zero_copy_only=False), dtype=np.float64)

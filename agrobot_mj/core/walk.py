@@ -39,7 +39,7 @@ SYNONYMS = {
     "heading": ("yaw",),
     "time": ("duration",),
 }
-"""Words used in the names of keys and kinds, for each synonym that users may search for."""
+"""Words used in the names of keys and kinds, keyed by synonyms that users may search for."""
 SHORT = 3  # Maximum number of letters of a search word that matches complete words only, such as `mu`
 
 
@@ -50,7 +50,7 @@ def alternatives(word: str) -> tuple[str, ...]:
 
 
 def named_by(words: list[str], text: str) -> bool:
-    """Return whether `text` contains the joined `words` or, for each word, the word itself or a synonym."""
+    """Return whether `text` contains all `words` joined together, or each word or one of its synonyms."""
     if "".join(words).lower() in re.sub(r"[\s_]", "", text.lower()):
         return True
     parts = set(re.split(r"[^a-z0-9]+", text.lower()))
@@ -164,7 +164,7 @@ def nearest(root: type[Spec], dotted: str, owner: type[Spec] | None) -> str:
 
 
 def offered(found: Sequence[str]) -> str:
-    """Return `; did you mean 'x' or 'y'?` with the first `MOST_OFFERED` keys, or an empty string without keys."""
+    """Return `; did you mean 'x' or 'y'?` with the first `MOST_OFFERED` keys, or an empty string if there are none."""
     return f"; did you mean {' or '.join(map(_quoted, found[:MOST_OFFERED]))}?" if found else ""
 
 

@@ -78,7 +78,7 @@ class Consistency(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return mean NEES, NIS and saturated fraction, and the estimates of sideslip and mounting error if logged."""
+        """Return the mean NEES and NIS, the saturated fraction, and the sideslip and mounting error if logged."""
         return {
             "position_nees": mean(view.column("position_nees")),
             "position_nis": mean(view.column("position_nis")),

@@ -112,14 +112,14 @@ class Metric(Spec):
 def rows_until(t: Array, times: Sequence[float], side: Literal["left", "right"] = "right") -> list[int]:
     """Return the number of rows of the increasing times `t` that lie at or before each time in `times`.
 
-    With `side` = "left", rows at this time do not count.
+    With `side` = "left", rows exactly at the time do not count.
     """
     counts: list[int] = np.searchsorted(t, times, side).tolist()
     return counts
 
 
 def mean(values: Array, power: int = 1) -> float | None:
-    """Return the mean of the finite values raised to `power`, or None for fewer than LEAST values or on overflow."""
+    """Return the mean of the finite values, each raised to `power`, or None for fewer than LEAST or on overflow."""
     return _average(_finite(values), power)
 
 

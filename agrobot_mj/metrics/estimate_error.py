@@ -32,7 +32,7 @@ Vectors = np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
 
 
 def cause_of(view: RunView, across: bool) -> str:
-    """Return the main cause of the lateral (`across`) or horizontal estimation error, or an empty string for none."""
+    """Return the main cause of the lateral (`across`) or horizontal estimation error, or "" if no cause dominates."""
     error, parts = contributions(view)
     total = max(_inner(error, error, across), len(error) * SMALLEST_M**2)
     return next((name for name, part in parts.items() if _inner(error, part, across) > MAIN * total), "")

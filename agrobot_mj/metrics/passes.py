@@ -94,7 +94,7 @@ def pass_to_pass(path: Parallel, time: Array, x: Array, y: Array) -> dict[str, A
 
 
 def driven(path: Parallel, time: Array, x: Array, y: Array) -> list[Passed]:
-    """Return the driven part of each pass in driving order; arguments as in `pass_to_pass`."""
+    """Return the driven part of each pass in driving order. The arguments are the same as those of `pass_to_pass`."""
     origin = path.at(0.0)
     c, s = cos(origin.yaw), sin(origin.yaw)
     found = []

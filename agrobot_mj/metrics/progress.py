@@ -25,11 +25,11 @@ CORRIDOR_M = 5.0
 ENOUGH = 0.9  # Minimum fraction of the path that must be driven [-]. Assumed value.
 LATE_S = 2.0  # Delay behind the reference that is allowed at the end [s]. Assumed value: the tractor starts from rest.
 STEP_M = 0.25
-"""Spacing of the evaluated tractor positions, and minimum length of a path for the driven fraction [m]."""
+"""Spacing of the evaluated tractor positions, and minimum path length for computing the driven fraction [m]."""
 ASTRAY_M = 1.0  # Distance from the path above which the nearest point is also searched near the reference [m]
 LEAP_M = 1.5
-"""Maximum path length counted as driven between two positions [m], above STEP_M for a tractor on the inside of a
-bend."""
+"""Maximum path length counted as driven between two positions [m]. It exceeds STEP_M, because the path is longer than
+the track of a tractor on the inside of a bend."""
 
 
 class PathProgress(NamedTuple):
@@ -68,7 +68,7 @@ def progress_of(route: SampledRoute, duration: float | None, columns: Sequence[A
 def commanded_progress(t: Array, asked: Array, speed: Array) -> PathProgress:
     """Return the progress of guidance without a path: driven distance, and integral of the speed commands `asked`.
 
-    Both lengths use magnitudes. Times are in s, speeds in m/s, shape (n,) each, with NaN for missing values.
+    Both integrals use absolute speeds. Times are in s, speeds in m/s, shape (n,) each, with NaN for missing values.
     """
     t, asked, speed = map(np.nan_to_num, (t, asked, speed))
     steps = np.diff(t, append=t[-1:])

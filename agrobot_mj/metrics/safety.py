@@ -13,7 +13,7 @@ from agrobot_mj.metrics.base import Metric, RunView
 OFF_M = 1.0  # Distance from the path above which the tractor has left the path [m]
 SLOWEST_M_S = 0.5  # Minimum speed command used as the divisor of `safety.overspeed` [m/s]
 MEMORY = 40
-"""Number of recent ticks (stopping time of 2 s) whose maximum speed command is compared with the speed [-]."""
+"""Number of recent ticks [-], for a stopping time of 2 s. Their maximum speed command is compared with the speed."""
 
 
 class Safety(Metric):
@@ -35,7 +35,7 @@ class Safety(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the metrics after the first fault, or an empty dict without a fault or a supervisor."""
+        """Return the metrics of the time after the first fault, or an empty dict without a fault or a supervisor."""
         faulty = np.flatnonzero(view.column("faults_active") > 0)
         state = view.reported("supervisor_state")
         if state is None or not faulty.size:

@@ -48,7 +48,7 @@ TILT = 0.1
 COLUMNS, MOST_PLOTS = 3, 12
 """Number of plot columns and maximum number of plots on a tab. Additional plots are on further tabs."""
 LANE, LANES_BESIDES, MOST_LANES = 0.053, 0.075, 0.5
-"""Heights divided by the tab height [-]: one lane of the state view, the view without lanes, maximum of the view."""
+"""Fractions of the tab height [-]: one lane of the state view, this view without lanes, and its maximum height."""
 NAMES = "world/names"  # Entity of the name labels in 3D. The top view hides them, because they would overlap.
 
 
@@ -151,7 +151,7 @@ def scenes(
 ) -> rrb.Vertical:
     """Return two 3D views: one that follows the entity `followed`, and a top view of all points `places` (n, 3) [m].
 
-    `size` is the tractor size divided by the default size. The views show the content of entities `growing` so far.
+    `size` is the tractor size divided by the default size. The content of entities `growing` remains visible.
     """
     east, north = from_heading(yaw, *FOLLOW_FROM[:2])
     following = rrb.EyeControls3D(

@@ -30,9 +30,9 @@ from agrobot_mj.scenario.schema import Scenario, on_machine
 from agrobot_mj.sensors.suite import LINES
 
 SENSORS = {**{line: sensor for line, (sensor, _) in LINES.items()}, "heading": "gnss.dual_antenna"}
-"""Table of `[sensors]` by signal line of a sensor."""
+"""Key of each sensor in `[sensors]`, by name of its signal line."""
 OTHER_LAP = 0.02
-"""Maximum relative difference of lap length between learned table and path [-]. Assumed value: points every 0.25 m."""
+"""Relative difference of the lap lengths of learned table and path above which a hint is given [-]. Assumed value."""
 
 
 def hints(scenario: Scenario) -> list[str]:

@@ -22,7 +22,7 @@ TABLES = ("tractor", "implement", "steering", "driveline", "sensors", "estimator
 
 
 def machine_file(name: str) -> tuple[Path, int, int, int] | None:
-    """Return path, times and size of a machine file, or None for the default. Raises `ScenarioError` without a file."""
+    """Return path, times and size of a machine file (default: None). Raises `ScenarioError` for a missing file."""
     if name == COMPACT:
         return None
     shipped = machine_files()

@@ -37,7 +37,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def json_text(data: Mapping[str, Any], source: str) -> bytes:
-    """Convert a mapping to JSON, in which lists are valid as tuples. Raises `ScenarioError` for invalid values."""
+    """Convert a mapping to JSON, in which tuples become lists. Raises `ScenarioError` for invalid values."""
     try:
         return json.dumps(data, default=_as_plain, ensure_ascii=False).encode()
     except ValueError:  # includes UnicodeEncodeError
@@ -65,7 +65,7 @@ def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> No
     """
     *tables, last = dotted.split(".")
     if not all([*tables, last]):
-        raise ScenarioError(f"--set {shortened(dotted)}: this is not a key; write table.key=value")
+        raise ScenarioError(f"--set {shortened(dotted)}: this is not a key; specify table.key=value")
     table: Any = data
     for depth, name in enumerate(tables):
         if isinstance(table, list):
@@ -79,7 +79,7 @@ def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> No
     if isinstance(table, list):
         key = ".".join(tables)
         raise ScenarioError(
-            f"--set {shortened(dotted)}: {key} is a list; write {key}.0.key=value, or set the complete list"
+            f"--set {shortened(dotted)}: {key} is a list; specify {key}.0.key=value, or set the complete list"
         )
     if last == "kind" and _kind(data, tables, default) != value:
         of_kind = (".".join(names := [name for name in tables if not name.isdecimal()]), value)
@@ -95,7 +95,7 @@ def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> No
 
 def _item(items: list[Any], name: str, dotted: str, key: str) -> Any:
     if not name.isdecimal():
-        raise ScenarioError(f"--set {shortened(dotted)}: {key} is a list; write {key}.0.key=value")
+        raise ScenarioError(f"--set {shortened(dotted)}: {key} is a list; specify {key}.0.key=value")
     if len(name) > 9 or int(name) >= len(items):
         has = f"the scenario has {len(items)} tables [[{key}]], and 0 is the first; add one to the file"
         raise ScenarioError(f"--set {shortened(dotted)}: {has}")
@@ -103,7 +103,7 @@ def _item(items: list[Any], name: str, dotted: str, key: str) -> Any:
 
 
 def _kind(data: Any, tables: list[str], default: Spec) -> Any:
-    """Return the kind of the table at the key path `tables`, by default from `default`, or None without kinds."""
+    """Return the kind of the table at the key path `tables`, by default from `default`, or None if it has no kinds."""
     data = deepcopy(data)
     complete(data, default)
     for name in tables:
@@ -158,7 +158,7 @@ def _plain(value: Any) -> Any:
 
 
 def absolute_paths(data: Any, *folders: Path) -> None:
-    """Make file paths absolute, in the first of `folders` that contains the file, or otherwise in the last folder."""
+    """Make file paths absolute, based on the first of `folders` that contains the file, or else on the last folder."""
     others = [folder for folder in folders if folder != SCENARIOS.resolve()]
     for table, key in naming_files(data) if others else ():
         file = table[key]

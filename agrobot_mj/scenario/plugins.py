@@ -44,7 +44,7 @@ WITHOUT = ": the scenario was run with plugins; add "
 
 
 def register(member: Member, name: str | None = None) -> Member:
-    """Add a class to the family of its base class; can be a decorator. Raises `ScenarioError` for unsuitable classes.
+    """Add a class to the family of its base class; also a decorator. Raises `ScenarioError` for unsuitable classes.
 
     A sensor becomes the table `[sensors.NAME]`. The default name is the class name in lower case with underscores. A
     metric is evaluated in every run.
@@ -88,7 +88,7 @@ def _added(member: type[Spec], name: str | None = None) -> set[type[Spec]]:
 
 
 def _left_open(member: type[Spec]) -> list[str]:
-    """Return the names of unimplemented abstract methods and properties, or an empty list for a subclass of a kind."""
+    """Return the names of unimplemented abstract methods and properties, or [] for a subclass of a kind."""
     bases = [base for base in member.__mro__[1:] if issubclass(base, Spec) and "kind" in base.model_fields]
     if any(isinstance(base.model_fields["kind"].default, str) for base in bases):
         return []
@@ -233,7 +233,7 @@ def plugin_options(files: Iterable[Path] | None = None) -> str:
 
 
 def plugin_note() -> str:
-    """Return the comment that lists the plugin files in the results of a run, or an empty string without plugins."""
+    """Return the comment that lists the plugin files in the results of a run, or an empty string if there are none."""
     return f"{RUN_WITH}{options}\n" if (options := plugin_options()) else ""
 
 

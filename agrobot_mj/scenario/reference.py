@@ -68,7 +68,7 @@ class KnownKind(NamedTuple):
 
 
 def known_kinds() -> list[KnownKind]:
-    """Return the accepted values of `kind` in all tables, all sensors and all metrics, each with a description."""
+    """Return the accepted values of `kind` in all tables, and all sensors and metrics, each with a description."""
     known = families()
     outer = {key: [other for other in known if key.startswith(f"{other}.")] for key in known}
     found = [
@@ -83,7 +83,7 @@ def known_kinds() -> list[KnownKind]:
 
 
 def kinds_text() -> str:
-    """Return the text that lists the accepted values of `kind` in all tables, all sensors and all metrics."""
+    """Return a text that lists the accepted values of `kind` in all tables, and all sensors and metrics."""
     rows = known_kinds()
     wide = [max(len(row[k]) for row in rows) for k in (0, 1)]
     return "\n".join(f"{key:{wide[0]}}  {kind:{wide[1]}}  {line}" for key, kind, line in rows)
@@ -181,7 +181,7 @@ def _split_kinds(named: list[str]) -> tuple[list[str], Chosen]:
 
 
 def _places(steps: list[str], chosen: Chosen) -> list[TableClass]:
-    """Return all classes that the table at the key path `steps` can have, for the kinds `chosen` for other tables."""
+    """Return all possible classes of the table at the key path `steps`, if other tables have the kinds `chosen`."""
     tables = dict(chosen)
     return [
         place

@@ -30,7 +30,7 @@ from agrobot_mj.scenario.overrides import (
 from agrobot_mj.scenario.tables import Tables
 
 SAID = {"version", "name", "title", "expected_outcome", "expected_reason", "gains", "machine"}
-"""Keys excluded from the run identity: they have no effect on a run, or other keys contain their effect."""
+"""Keys excluded from the run identity, because they have no effect on a run or only set defaults of other keys."""
 
 
 class Scenario(Tables):

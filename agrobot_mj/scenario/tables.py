@@ -31,7 +31,7 @@ SHORTEST_S = 0.001  # Minimum value of a duration [s]; a run has at least one ti
 LONGEST_S = 24 * 3600.0  # Maximum duration of a run [s]
 REASONED = ("stopped", "unfinished", "diverged")  # Outcomes for which a run also reports a reason
 DIVISORS = (5, 8, 10, 16, 20, 25, 40, 50, 80, 100, 125, 200, 250, 400, 500)
-"""Numbers of physics steps per tick that make the step a short decimal number [-]."""
+"""Numbers of physics steps per tick for which the step in seconds is a short decimal number [-]."""
 
 
 def long_enough(seconds: float) -> float:
@@ -72,7 +72,7 @@ class Tables(Spec):
     duration_s: Annotated[float, Field(gt=0, le=LONGEST_S), AfterValidator(long_enough)] | None = None
     """Maximum simulated time [s]. Default: duration of the path. Passing the end of the path ends the run early."""
     physics: Literal["standard", "fast"] = "standard"
-    """Physics step: 2 ms (`standard`) or 5 ms (`fast`; 2.5 ms with drawn implement or light wheels, 2 ms on `ruts`)."""
+    """Physics step: 2 ms (`standard`) or 5 ms (`fast`; 2.5 ms for drawn implements or light wheels, 2 ms on `ruts`)."""
     physics_dt_s: Annotated[float, Field(ge=1e-4, le=0.005)] | None = None
     """Physics step [s], a divisor of the 0.05 s tick. Tyre models are stable up to 5 ms. Default: set by `physics`."""
     machine: Annotated[str, Field(max_length=4000), AfterValidator(printable)] = COMPACT

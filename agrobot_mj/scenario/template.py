@@ -29,7 +29,7 @@ def write_template(name: str) -> Path:
     """Write the template to a new file `name`.toml. Raises `ScenarioError` if the file exists."""
     path = Path(name if name.endswith(".toml") else f"{name}.toml")
     if path.stem in ("", ".toml") or not path.stem.strip("."):
-        raise ScenarioError(f"init {name!r}: this is not a valid name; write a name such as my_field")
+        raise ScenarioError(f"init {name!r}: this is not a valid name; specify a name such as my_field")
     try:
         with path.open("x", encoding="utf-8") as file:
             file.write(template(path.stem))

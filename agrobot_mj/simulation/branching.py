@@ -32,7 +32,7 @@ class _States:
         self._bytes = 0
 
     def keep(self, name: str, branches: tuple[Branch, ...], sim: Simulation) -> None:
-        """Store the present state of a run. Above a total of MOST_BYTES, delete the least recently used states."""
+        """Store the current state of a run. Above a total of MOST_BYTES, delete the least recently used states."""
         rows, state, key = sim.rows, sim.save(), (name, _before(branches, sim.rows.filled), sim.rows.filled)
         size = len(pickle.dumps(state.loop)) + EVERY * (rows.values[0].nbytes + rows.poses[0].nbytes)
         self._bytes += size - self._known.pop(key, (state, 0))[1]
@@ -41,7 +41,7 @@ class _States:
             self._bytes -= self._known.popitem(last=False)[1][1]
 
     def latest(self, name: str, branches: tuple[Branch, ...]) -> Snapshot | None:
-        """Return the latest stored state up to the last branch of a run, or None if no branch or no state exists."""
+        """Return the latest stored state at or before the last branch of a run, or None if there is none."""
         for tick in range(branches[-1].tick // EVERY * EVERY if branches else 0, 0, -EVERY):
             key = name, _before(branches, tick), tick
             if key in self._known:

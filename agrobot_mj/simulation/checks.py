@@ -62,7 +62,7 @@ class Numbers:
         self._parts = [(message._fields.index(n), Numbers(hints[n], name=f"{self.name}.{n}")) for n in parts]
 
     def check(self, message: Any, maker: str) -> None:
-        """Raise `NotFiniteError` for non-finite numbers, `ScenarioError` for non-numbers. Both errors name `maker`."""
+        """Raise `NotFiniteError` for non-finite numbers and `ScenarioError` for other types. Errors name `maker`."""
         for k, part in self._parts:
             part.check(message[k], maker)
         try:
@@ -87,7 +87,7 @@ class Numbers:
 
 
 def _shape(hint: Any, default: Any) -> str:
-    """Return the type of a field: one (number), none (number or None), few (tuple), many (array), message, or ""."""
+    """Return the type of a field: "one" or "few" numbers, "many" (array), "none" (number or None), "message", or ""."""
     few = get_origin(hint) is tuple and set(get_args(hint)) == {float}
     if few or hint in (int, float):
         return "" if np.isnan(default).any() else "few" if few else "one"
@@ -97,7 +97,7 @@ def _shape(hint: Any, default: Any) -> str:
 
 
 STATE, SAMPLED_STATE = Numbers(Truth, but=("steer_samples", "pedal_samples", "knuckle_samples")), Numbers(Truth)
-"""Checks of the true state, without and with the samples within a tick (checked only after an invalid measurement)."""
+"""Checks of the true state without and with the samples within a tick. The latter runs after invalid measurements."""
 CONDITIONS = Numbers(Conditions)
 
 
@@ -117,7 +117,7 @@ class Stage(Generic[Message]):
         passed: Callable[[Message], Message] = lambda message: message,
         method: str = "update",
     ) -> None:
-        """Wrap `method` of `part`. Errors contain `name` and `kind`. `passed` checks and converts each result."""
+        """Wrap `method` of `part`. Error messages name `name` and `kind`. `passed` checks and converts each result."""
         self.names, self.part, self.message, self.passed, self.method = (name, kind), part, message, passed, method
         self.maker, self.numbers = f"{name} ({kind})", Numbers(message)
 

@@ -184,7 +184,7 @@ _write = stage(_write)
 
 
 def row(k: Tick) -> tuple[Vector, Here]:
-    """Return the log row of a tick (order of `COLUMNS`), and `Here` of the tick. Columns reported by stages are NaN."""
+    """Return the log row of a tick in the order of `COLUMNS`, with NaN in columns reported by stages, and `Here`."""
     values, m = np.empty(len(COLUMNS)), k.measured
     others = m.quality, m.steer, m.pedal, k.z_ref, k.command.speed, k.steer_ref, k.pedal_ref, k.saturated, k.faults
     here = _write(values, k.truth, m.fix or NO_FIX, held(k.estimate), k.reference, k.drive, k.actuation, others)

@@ -108,7 +108,7 @@ def _listed(names: list[str]) -> str:
 
 
 def attribution(row: Mapping[str, Any]) -> str:
-    """Return a sentence on the parts of the cross-track error of a run, or an empty string if a part is missing."""
+    """Return a sentence on the estimator and guidance parts of the cross-track error, or "" if a part is missing."""
     names = ("xte_rms", "xte_estimator_rms", "xte_guidance_rms")
     total, estimator, guidance = (row.get(name) for name in names)
     if total is None or estimator is None or guidance is None:

@@ -1,5 +1,5 @@
-"""Progress, log and metrics of a run. The metrics sample the path separately, without effect on the samples of the
-guidance law."""
+"""Progress, log and metrics of a run. The metrics use their own samples of the path, so that the path samples of the
+guidance law do not change."""
 
 from dataclasses import replace
 

@@ -25,7 +25,7 @@ def tractor_key(scenario: Scenario) -> object:
 
 
 def check_tractor(scenario: Scenario) -> None:
-    """Raise `ScenarioError` if the chassis of the tractor is impossible or its tyres are unstable."""
+    """Raise `ScenarioError` if the chassis of the tractor is physically impossible or its tyres are unstable."""
     s = scenario
     with naming(s.name if s.machine == COMPACT else f"{s.name}, machine {s.machine}"):
         if isinstance(s.plant, Mujoco):

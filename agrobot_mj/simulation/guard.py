@@ -1,6 +1,6 @@
 """Exclusive and atomic calls of a simulation.
 
-Only one caller at a time can use the simulation. System signals, such as Ctrl-C, are delayed to the end of the call.
+Only one caller at a time can use the simulation. System signals, such as Ctrl-C, are delayed until the end of the call.
 """
 
 from threading import Lock

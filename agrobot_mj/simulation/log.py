@@ -97,7 +97,7 @@ class Rows:
         return self.values[first:end].copy(), self.poses[first:end].copy()
 
     def restore(self, saved: SavedRows) -> None:
-        """Restore saved rows of a run of the same scenario. Only blocks that differ from present blocks are written."""
+        """Restore saved rows of a run of the same scenario. Blocks that are already present are not written."""
         here = self._blocks
         shared = next((k for k, (a, b) in enumerate(zip(here, saved.blocks, strict=False)) if a is not b), None)
         shared = min(len(here), len(saved.blocks)) if shared is None else shared
@@ -138,7 +138,7 @@ class Log:
     learned: Learned = field(default_factory=dict)
     """Learned values of guidance law and steering loop, or an empty mapping if neither learns."""
     view: RunView | None = field(default=None, repr=False, compare=False)
-    """View of the log from which `metrics` was computed, with positions relative to the path; None if not available."""
+    """View of the log from which `metrics` was computed, with positions relative to the path, or None."""
 
     @cached_property
     def signals(self) -> pa.Table:

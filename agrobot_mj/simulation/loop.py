@@ -58,7 +58,7 @@ class Wiring(NamedTuple):
 
     @classmethod
     def after(cls, drive: Drive) -> "Wiring":
-        """Return the state of fault-free lines that have transmitted the voltages in `drive`."""
+        """Return the state of the lines after they have transmitted the voltages in `drive` without a fault."""
         return cls(SignalLine(drive.steer_voltage - NEUTRAL_V), SignalLine(drive.pedal_voltage - NEUTRAL_V))
 
     def carried(self, drive: Drive, conditions: Conditions, dt: float) -> "tuple[Wiring | Drive, Drive]":
@@ -85,7 +85,7 @@ class Stages:
     """States of all stages of the on-board computer between two ticks."""
 
     faults: Any
-    conditions: Conditions  # Faults and disturbances of the present tick
+    conditions: Conditions  # Faults and disturbances of the current tick
     sensors: Reception
     receiver: MountedReceiver  # GNSS antenna as configured in the on-board computer
     estimator: Any
@@ -154,14 +154,14 @@ class Loop:
         return self.act(measured, situation, self.decide(measured, situation) if command is None else command)
 
     def now(self) -> tuple[Measurement, Situation]:
-        """Return the measurement and the guidance inputs of the present tick. The sensors are read once per tick."""
+        """Return the measurement and the guidance inputs of the current tick. The sensors are read once per tick."""
         if self.sensed is None or not self.has_sensed:
             self.sensed, self.has_sensed = self.sense(), True
         return self.sensed
 
     @property
     def truth(self) -> Truth:
-        """True state of the plant at the present time."""
+        """True state of the plant at the current time."""
         return fetched(self.seen)
 
     def sense(self) -> tuple[Measurement, Situation]:
@@ -244,7 +244,7 @@ class Loop:
         return (*(column for part, _ in self.reporting for column in part.columns), *self.plant.columns)
 
     def report(self) -> Sequence[float]:
-        """Return the values of `columns` in the present tick."""
+        """Return the values of `columns` in the current tick."""
         values: list[float] = []
         for part, state_in in self.reporting:
             values.extend(part.report(state_in(self.stages)))

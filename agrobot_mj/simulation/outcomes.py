@@ -13,8 +13,8 @@ STUCK_S = 10.0  # Time without motion after which a tractor with a command to dr
 STUCK_M = 0.3  # Maximum displacement of a stuck tractor [m]. Assumed value, equivalent to 0.03 m/s.
 STUCK_PEDAL = 0.05  # Minimum pedal position of a command to drive [-]. Assumed value, equivalent to 0.25 m/s.
 LEFT_M = 1.0
-"""Increase in distance from the reference above which a tractor at rest is stuck [m]. Assumed value: about 1 s of
-reference motion."""
+"""Increase in distance from the reference above which a tractor at rest counts as stuck [m]. Assumed value: about 1 s
+of reference motion."""
 
 
 class Standstill(NamedTuple):

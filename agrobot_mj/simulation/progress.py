@@ -64,7 +64,7 @@ class Count:
 
     @contextmanager
     def breaking_silence(self) -> Iterator[None]:
-        """During the context, print the elapsed time whenever no line was printed for `SILENCE_S`."""
+        """Within the context, print the elapsed time whenever no line was printed for `SILENCE_S`."""
         ended = Event()
 
         def print_time() -> None:
@@ -83,7 +83,7 @@ class Count:
             thread.join()
 
     def _due(self) -> bool:
-        """Return whether to print a line: BETWEEN_LINES_S after the last line or, at the end, after the start."""
+        """Return whether to print a line: BETWEEN_LINES_S after the last line or, for the last task, the start."""
         now = time.monotonic()
         if now - (self.began if self.done >= self.total else self.told) < BETWEEN_LINES_S:
             return False
@@ -127,7 +127,7 @@ class Progress:
         self.told = time.monotonic()
 
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
-        """Store the log rows, whose number gives the progress, and the name of the run. `advance` displays the bar."""
+        """Store the name of the run, and the log rows that determine the progress. `advance` displays the bar."""
         self.rows, self.name, self.told = rows, scenario.name or "run", time.monotonic()
 
     def advance(self, first: int) -> None:

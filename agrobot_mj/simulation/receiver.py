@@ -20,7 +20,7 @@ from agrobot_mj.core.kernels import fetched
 from agrobot_mj.core.signals import Estimate, Measurement
 
 SLOWLY_S = 3.0
-"""Time constant of the heading correction [s]. Assumed value: gyro bias requires a low value, the filter a high one."""
+"""Time constant of the heading correction [s]. Assumed value: low enough for gyro bias, high enough for stability."""
 
 
 class MountedReceiver(NamedTuple):
@@ -50,7 +50,7 @@ class MountedReceiver(NamedTuple):
         return measured._replace(fix=fix)
 
     def after(self, measured: Measurement, estimate: Held[Estimate], dt: float) -> "MountedReceiver":
-        """Return the receiver after a tick of `dt` [s], with the integrated heading."""
+        """Return the state of the receiver after a tick of `dt` [s], with the integrated heading."""
         if self.arm == (0.0, 0.0):
             return self
         estimate = fetched(estimate)

@@ -77,8 +77,8 @@ def check_folder(folder: Path, names: Iterable[str] = ()) -> None:
     for name in sorted(MAIN_FILES.keys() & (owned(folder) or set()) - main):
         if main and (folder / name).exists() and (folder / MARK).stat().st_size:
             raise ScenarioError(
-                f"{folder}: the folder contains {MAIN_FILES[name]} ({name}); delete the folder, or specify another one "
-                "with --out"
+                f"{folder}: the folder already contains {MAIN_FILES[name]} ({name}), which must not be mixed with "
+                "other results; delete the folder, or specify another one with --out"
             )
 
 
@@ -171,7 +171,7 @@ def temporary_path(path: Path) -> Path:
 
 @contextmanager
 def errors_naming(path: Path) -> Iterator[None]:
-    """Replace the file name in each OSError raised in the context by `path`, except in network errors."""
+    """Set the file name of each OSError raised in the context to `path`, except in network errors."""
     try:
         yield
     except (ConnectionError, TimeoutError):  # network errors of the block

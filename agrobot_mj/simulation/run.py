@@ -14,7 +14,7 @@ from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.stepping import Simulation
 
 CHUNK_TICKS = 1200
-"""Number of new rows between calls of the observers [-]: 60 s of simulated time. Shorter intervals slow recordings."""
+"""Number of new rows between calls of the observers [-]: 60 s of simulated time. Fewer rows slow down recordings."""
 REPORT_S = 5.0  # Maximum wall time between calls of the observers [s]
 
 
@@ -109,7 +109,7 @@ class _Reporting:
         self.rows, self.watchers, self.reported, self.due = rows, watchers, 0, time.perf_counter() + REPORT_S
 
     def tell(self, at_the_end: bool = False) -> None:
-        """Call the observers every CHUNK_TICKS rows or REPORT_S seconds. Called in each tick and at the end."""
+        """Call the observers if CHUNK_TICKS rows or REPORT_S seconds have passed since the last call, or at the end."""
         rows = self.rows
         if at_the_end or rows.filled - self.reported >= CHUNK_TICKS or time.perf_counter() > self.due:
             for watcher in self.watchers:

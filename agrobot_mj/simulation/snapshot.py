@@ -1,4 +1,4 @@
-"""Snapshot of a simulation: its complete state, and the log up to the present time.
+"""Snapshot of a simulation: its complete state, and the log up to the current time.
 
 A snapshot is independent of its simulation and can be restored any number of times, in any `Simulation` of the same
 scenario and, after pickling, in another process. Snapshots of a run share the blocks of the log, so that the cost of

@@ -212,7 +212,7 @@ class Simulation:
             return self._now()
 
     def _now(self) -> tuple[Measurement, Situation]:
-        """Return measurement and guidance inputs of the present tick or, after the end of the run, of the last tick."""
+        """Return the measurement and guidance inputs of the current tick or, after the end, of the last tick."""
         if not self.done:
             return self.loop.now()
         if self.loop.sensed is None:
@@ -284,22 +284,22 @@ class Simulation:
 
     @property
     def situation(self) -> Situation:
-        """Inputs of the guidance law at the present time."""
+        """Inputs of the guidance law at the current time."""
         return self._seen()[1].fetched()
 
     @property
     def truth(self) -> Truth:
-        """True state of the plant at the present time."""
+        """True state of the plant at the current time."""
         return self.loop.truth
 
     @property
     def estimate(self) -> Estimate:
-        """Estimated state at the present time."""
+        """Estimated state at the current time."""
         return self.situation.estimate
 
     @property
     def reference(self) -> Reference:
-        """Desired state on the path at the present time."""
+        """Desired state on the path at the current time."""
         return self.situation.reference
 
     @property

@@ -188,8 +188,8 @@ def _plants(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _is_shown(rows: Sequence[Mapping[str, Any]], name: str) -> bool:
-    """Return whether the table includes the column `name`: always for the plant, if used for the controller, and
-    otherwise if the values differ."""
+    """Return whether the table includes the column `name`: the plant always, the controller if a law has one, and other
+    columns if their values differ."""
     values = {row.get(name) for row in rows}
     return name == "plant" or len(values) > 1 or (name == "controller" and values != {None})
 

@@ -23,7 +23,7 @@ PLANTS = ("bicycle", "mujoco")
 CONTROLLERS = ("pd", "pd_t2fnn")
 """Default controllers of a comparison for which no controllers, guidance laws or variants are given."""
 MOST_RUNS = 2000
-"""Default maximum number of runs of a comparison, which take one to three hours on one core for the figure-eight."""
+"""Default maximum number of runs of a comparison. On the figure-eight, they take one to three hours on one core."""
 MOST_DRAWN = 24
 """Maximum number of laws in figures and in the common recording, so that their lines are distinguishable."""
 OWN_OPTIONS = {"plant": "--plants", "plant.kind": "--plants", "seed": "--seeds"}
@@ -164,7 +164,7 @@ def _is_law(variant: SweepVariant) -> bool:
 def _named(
     scenario: Scenario, controllers: Sequence[str] | None, guidance: Sequence[str] | None, varied: bool
 ) -> list[CompetingLaw]:
-    """Return the laws for lists of controller and guidance kinds. Without lists and variants, use `CONTROLLERS`."""
+    """Return the laws for lists of controller and guidance kinds. Default without lists and variants: `CONTROLLERS`."""
     if controllers is None and not guidance:
         if varied:
             return []

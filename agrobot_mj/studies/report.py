@@ -62,7 +62,7 @@ def trajectory(runs: Runs) -> Figure:
     """Draw the reference and the tracks, with one column per plant. The lower row enlarges the region of maximum
     errors.
 
-    The reference is thin and dashed. Tracks are dotted in the first turn, then solid.
+    The reference is thin and dashed. Tracks are dotted in the first lap, then solid.
     """
     plants, (low, high), zoom = _plants(runs), _extent(runs[0]), np.array(ZOOM_M)
     heights = PANEL_WIDTH_IN * (high - low)[1] / (high - low)[0], PANEL_WIDTH_IN * zoom[1] / zoom[0]
@@ -287,7 +287,7 @@ def _extent(run: ReportedRun) -> tuple[Array, Array]:
 
 
 def _worst_place(runs: Runs) -> Array:
-    """Return the path point [m] at the maximum sum of the lateral errors of all runs. Each error is limited to 1 m."""
+    """Return the path point [m] at which the lateral errors of all runs, limited to 1 m each, have the largest sum."""
     longest = max((run.log for run in runs), key=lambda log: len(log.column("t")))
     t = np.append(longest.column("t"), 0.0)
     total = np.zeros(len(t))

@@ -57,7 +57,7 @@ def from_compass(heading: float) -> float:
 
 
 def cross_track_of(message: SteerData, dialect: str) -> float:
-    """Return the cross-track error [m] in a message, positive to the left, or NaN if the host has no guidance line.
+    """Return the cross-track error [m] in a message, positive to the left, or NaN if the program has no guidance line.
 
     Byte 10 of the frame contains the error, positive to the right: in AgOpenGPS in steps of 2 cm relative to 127 (up to
     2.5 m), in AgOpenWeb in signed centimetres (up to 1.3 m).

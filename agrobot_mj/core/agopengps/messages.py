@@ -2,8 +2,8 @@
 
 In frames, angles are in degrees and positive to the right, headings in degrees clockwise from north, speeds in km/h. In
 these classes, angles are in rad and positive to the left, headings in rad counter-clockwise from east, speeds in m/s.
-Roll has the same sign in both: left side up equals right side down. A value that a module on the tractor cannot measure
-is NaN in these classes and a reserved number in the frame.
+In both, roll is positive with the left side up. A value that a module on the tractor cannot measure is NaN in these
+classes and a reserved number in the frame.
 """
 
 from math import nan

@@ -4,8 +4,8 @@ Both sentences end with speed [kn], heading, roll, pitch and yaw rate. Heading i
 with the right side down, and pitch with the nose up. Heading, roll and pitch are in degrees in PAOGI, and integers in
 units of 0.1 deg in PANDA.
 
-Without an inertial unit, the PANDA heading is a reserved number, because hosts interpret an empty or fractional field
-as 0 (north). Roll, pitch and yaw rate are then 0, as hosts assume for empty fields.
+Without an inertial unit, the PANDA heading is a reserved number, because guidance programs interpret an empty or
+fractional field as 0 (north). Roll, pitch and yaw rate are then 0, which these programs also assume for empty fields.
 """
 
 from math import degrees, isfinite, isnan, nan, radians

@@ -4,7 +4,7 @@ Columns:
 
 - `t` [s]: run time at which the datagram could first take effect; negative while the tractor waits for the host.
 - `wall_s` [s]: wall time since the link opened.
-- `direction`: `in` (from the host) or `out` (to the host).
+- `direction`: `in` (from the guidance program, the host) or `out` (to the host).
 - `address`: network address of the sender or receiver.
 - `bytes`: content of the datagram.
 
@@ -55,7 +55,7 @@ class Traffic:
             self.dropped += 1
 
     def table(self, start: int, scenario: str = "") -> pa.Table:
-        """Return the datagrams as a table with t = 0 in link cycle `start`; `scenario` is TOML for the metadata."""
+        """Return the datagrams as a table with t = 0 in link cycle `start`, and with `scenario` (TOML) as metadata."""
         rows = [((d.turn - start) * TICK_S, *d[1:]) for d in self.kept]
         columns = zip(*rows, strict=True) if rows else ((),) * len(SCHEMA)
         schema = SCHEMA.with_metadata({SCENARIO: scenario.encode()} if scenario else None)

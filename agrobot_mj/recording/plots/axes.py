@@ -16,12 +16,12 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.recording.plots.catalogue import Plot
 
 TAB_PIXELS, BARS_PIXELS, STEP_PIXELS = 750.0, 55.0, 20.0
-"""Sizes [pixels]: height of all plots of a tab, height of title and time axis of a plot, minimum label distance."""
+"""Height of all plots of a tab, height of the title and time axis of a plot, and minimum label distance [pixels]."""
 MARGIN = 0.04  # Margin above and below the values [fraction of the range], so that the outermost label is complete
 THIRD = 1.6  # Maximum factor by which an axis is extended to obtain a third label [-]
 USUAL_STEPS, FEW_STEPS = 6.0, 1.35
-"""Number of labelled steps of an axis without a known range, and number of steps below which steps are divided by ten
-[-]."""
+"""Number of labelled steps of an axis without a known range, and number of steps below which the axis has ten times as
+many labels [-]."""
 ROOM = 1.02  # Length of the time axis divided by the duration of the run [-]
 EDGE = 0.045  # Width at the end of the time axis within which a label would be cut off [fraction of the axis]
 CUT_QUANTILE, CUT_ABOVE, CUT_AT = 0.9, 3.0, 1.5
@@ -35,7 +35,7 @@ CORNERS: Mapping[Corner2D, tuple[bool, bool]] = {
 }
 """Corners for a legend in order of preference, each with two flags: corner on the right, corner at the top."""
 LEGEND_PIXELS = 52.0, 7.5, 14.0, 24.0
-"""Size of a legend: width without text, width per character, height without entries, height per entry [pixels]."""
+"""Legend width without text, width per character, height without entries, and height per entry [pixels]."""
 MOST_HIDDEN, MOST_ROOM = 0.06, 0.25
 """Maximum fraction of points hidden by a legend, and maximum fraction of an axis reserved for the legend [-]. Assumed
 values."""
@@ -61,7 +61,7 @@ class Frame(NamedTuple):
 
 
 def frame(t: Array, numbers: Array, plot: Plot, beside: bool) -> Frame:
-    """Return the axes and legend of a plot of `numbers` (n, series) at times `t` (n,) [s].
+    """Return the value axis and the legend position for a plot of `numbers` (n, series) at times `t` (n,) [s].
 
     `beside` selects the size of a plot next to the scene.
     """

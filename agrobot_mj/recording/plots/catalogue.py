@@ -146,7 +146,7 @@ NEGATED = ("tau_n",)  # Columns plotted with the opposite sign in a comparison
 
 
 SHOWN_IN = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "N": "kN", "Pa": "bar", "m3/s": "l/min"}
-"""Plot unit by log unit, for plots of log columns outside the catalogue."""
+"""Plot units of log columns outside the catalogue, by log unit."""
 REPORTED = "reported/"  # Path prefix of the plots of log columns that are not listed in the catalogue
 
 

@@ -36,8 +36,8 @@ MOST_LINES = 18  # Maximum number of lines of a plot. For larger networks, evenl
 EVERY_TICKS = 5  # Number of ticks between heat maps, and between points of the parameter plots. Both vary slowly.
 MOST_LABELS = 64  # Maximum number of cells of a heat map whose values are shown as text
 BESIDE, ABOVE = 0.2, 0.2
-"""Distance of the set names from the heat map: to the left [fraction of its width], and above [fraction of its
-height]."""
+"""Distances of the names of the fuzzy sets from the heat map: to its left [fraction of its width], and above it
+[fraction of its height]."""
 MOST_SHARE = 1e3  # Normalised firing strength above which the network has diverged and heat maps are omitted [-]
 PICTURE, LABELS = rr.DepthImage.descriptor_buffer(), rr.Points2D.descriptor_labels()
 INPUTS = {"1": "deg/s", "2": "deg/s2"}
@@ -87,7 +87,7 @@ def _rule(column: str) -> Series:
 
 
 def _set(column: str) -> Series:
-    """Return the plot line of a fuzzy-set parameter. Colours distinguish the sets; line widths, the two bounds."""
+    """Return the plot line of a fuzzy-set parameter. Its colour identifies the set, and its width the bound."""
     kind, _, number = column.rpartition("_")
     bound = kind[1:].partition("_")[2]
     return Series(
@@ -173,7 +173,7 @@ def _buffers(values: Array) -> pa.Array:
 
 
 def _text(places: list[tuple[float, float]], colour: int, labels: list[str] | None = None) -> rr.Points2D:
-    """Return text labels at the positions `places`. Without `labels`, the previous labels remain."""
+    """Return text labels at the positions `places`. If `labels` is None, the labels logged before remain."""
     return rr.Points2D.from_fields(
         positions=places, labels=labels, colors=[colour], radii=rr.Radius.ui_points(0.0), show_labels=True
     )

@@ -22,13 +22,13 @@ from agrobot_mj.simulation.log import Rows
 SETTLED_S = 5.0  # Time after which axes include the bounds of the estimate [s]. The initial bounds are wide.
 SCALARS = rr.Scalars.descriptor_scalars()
 WIDTH, PALE_WIDTH, BOLD_WIDTH, WIDER = 1.5, 1.0, 2.5, 1.25
-"""Line widths [pixels]: signal, signal with a moving mean, moving mean; additional width per step of `Series.wider`."""
+"""Line widths of a signal, of a signal with moving mean, and of the mean; increase per step of `wider` [pixels]."""
 PALE = 0x48  # Opacity of a signal that has a mean, out of 0xFF
 MEAN_S = 2.0  # Window length of the moving mean [s]: two furrows of 0.75 m at 0.8 m/s
 MEAN_TICKS = 5  # Number of ticks between points of the moving mean
 MEAN = "mean"  # Name of the entity with the moving means, below the entity of the plot
 WINDOWS = 100
-"""Number of time windows for evaluating the noise of a run. Noise lines overlap in a window, which is 6 pixels wide."""
+"""Number of time windows for evaluating the noise of a run, each 6 pixels wide, so that lines of noise overlap."""
 MOST_NOISE = 0.1
 """Noise above which a moving mean is drawn [-]: mean noise amplitude in the noisier half of the windows, divided by the
 signal range. Assumed value."""
@@ -46,7 +46,7 @@ class Signals:
     """Recorder of plots from blocks of log rows."""
 
     def __init__(self, rows: Rows, more: Sequence[Plot] = (), without: Collection[str] = ()) -> None:
-        """Select the catalogue plots with logged columns, except the columns `without`, and add the plots `more`."""
+        """Select the catalogue plots, and the plots `more`, whose columns are logged. Omit the columns `without`."""
         self.rows, self.shown = rows, list[Plot]()
         known = {name: k for k, name in enumerate((*rows.columns, *derived(rows, 0)))}
         self.lines = [
@@ -140,7 +140,7 @@ def send_means(stream: rr.RecordingStream, plot: Plot, t: Array, means: Array) -
 
 
 def style(plot: Plot, opacity: int = 0xFF, width: float = WIDTH) -> rr.SeriesLines:
-    """Return names, colours and widths of the lines of a plot. Zoomed-out lines still show all spikes."""
+    """Return names, colours and widths of the lines of a plot. All spikes remain visible in a zoomed-out plot."""
     colours = [series.colour & ~0xFF | opacity for series in plot.series]
     return rr.SeriesLines(
         names=plot.names,

@@ -1,8 +1,8 @@
 """Destination of a recording: a file, a viewer, or both. The file is readable at any time.
 
 Rerun writes in the background without reporting errors, and a file that ends within a chunk cannot be opened. Each
-flush therefore waits for the file. If a flush fails, for example on a full disk, the file is truncated to the end of
-the previous flush.
+flush therefore waits until the file is written. If a flush fails, for example on a full disk, the file is truncated to
+the end of the previous flush.
 """
 
 import ctypes
@@ -31,7 +31,7 @@ FULL_BYTES = 200_000
 """Free space below which a disk counts as full [bytes]. On a full disk, Rerun writes incomplete chunks without an
 error."""
 LEAST_BYTES = 10_000
-"""Minimum of the file size limit (`ulimit -f`) for a recording [bytes]. Below this limit, Rerun waits forever."""
+"""Minimum file size limit (`ulimit -f`) that permits a recording [bytes]. Below this limit, Rerun waits forever."""
 
 
 class Sink:

@@ -180,8 +180,8 @@ def _end(viewer: ViewerClient) -> float:
 
 
 def common_palette(frames: Sequence[Image.Image]) -> Image.Image:
-    """Return one colour palette for all frames of an animation, from about ten evenly spaced frames, including the
-    last."""
+    """Return one colour palette for all frames of an animation, computed from about ten evenly spaced frames including
+    the last."""
     some = frames[:: -max(len(frames) // 10, 1)]
     still = Image.new("RGB", (some[0].width, sum(frame.height for frame in some)))
     for k, frame in enumerate(some):

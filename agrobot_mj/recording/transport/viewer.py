@@ -1,4 +1,4 @@
-"""Rerun viewer on the loopback interface, for a live run, a file, or a browser."""
+"""Rerun viewer on the loopback interface: for a live run, for a file, or as a server for browsers."""
 
 import ctypes
 import os
@@ -17,8 +17,8 @@ from agrobot_mj.core.interrupts import held_back
 
 
 def _launched() -> tuple[str, ...]:
-    """Return the command that starts Rerun. On Linux it starts the binary directly, so that the system can end the
-    binary together with its parent process."""
+    """Return the command that starts Rerun. On Linux the command starts the binary directly, so that the system can end
+    the binary together with its parent process."""
     spec = find_spec("rerun_cli")
     program = Path(spec.origin).with_name("rerun") if spec and spec.origin else None
     if sys.platform.startswith("linux") and program and program.is_file() and "RERUN_CLI_PATH" not in os.environ:
@@ -74,7 +74,7 @@ def started(
 
 
 def _die_with_parent() -> None:
-    """Configure Linux to send SIGTERM to the viewer when its parent process ends. Called in the viewer process."""
+    """Configure Linux to send SIGTERM to the viewer, which calls this function, when its parent process ends."""
     if _LIBC is not None:
         _LIBC.prctl(PR_SET_PDEATHSIG, int(signal.SIGTERM))
 

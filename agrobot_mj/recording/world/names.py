@@ -16,8 +16,8 @@ from agrobot_mj.terrain import Ground
 ENTITY = "world/names"
 REFERENCE, TRUE, ESTIMATED = 0xE8E8E8FF, rgba(SKY_BLUE), rgba(ORANGE)
 AHEAD_M, BEHIND_M, LAST_M = 1.9, (1.3, 2.0), 3.4
-"""Distances of labels from the default tractor [m]: reference ahead; true and estimated track behind; reference behind
-at the end of the path."""
+"""Distances of labels from the default tractor [m]: reference label ahead, labels of true and estimated track behind,
+and reference label behind at the end of the path."""
 IN_VIEW = 0.7
 """Drawing scale divided by the distance of the farthest body [1/m], for legible labels in a view of all bodies."""
 EVERY_TICKS = 2  # Number of ticks between recorded positions of a name
@@ -53,7 +53,7 @@ class TrackNames:
 def size_in_view(size: float, places: Array) -> float:
     """Return the drawing scale (tractor size divided by default size) for a view of bodies at `places` (n, 2) [m].
 
-    The first body is the tractor. Distant bodies increase the scale of the camera and label distances.
+    The first body is the tractor. The scale of camera and label distances increases with distant bodies.
     """
     return max(size, IN_VIEW * float(np.hypot(*(places - places[0]).T).max()))
 

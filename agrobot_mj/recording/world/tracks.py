@@ -20,7 +20,7 @@ from agrobot_mj.terrain import Ground
 
 PIECE_TICKS = 5  # Number of ticks per segment of a track: 0.3 m at 1.2 m/s
 FIX_COLOURS = np.array([rgba(VERMILION), rgba(ORANGE), rgba(GREEN), rgba(ORANGE)], dtype=np.uint32)
-"""Colours of GNSS fixes by quality: none, float, fix, DGPS."""
+"""Colours of GNSS fixes of the qualities none, float, fix and DGPS."""
 FIX_LIFT_M, FIX_RADIUS_M = 0.012, 0.02
 """Height of GNSS fixes above the ground, below the tracks [m], and radius of fixes [m], equal to the standard deviation
 of the paper's receiver."""

@@ -23,7 +23,7 @@ STEP_TICKS, ROUGH_STEP_TICKS = 5, 2
 LIFTS_M = np.array([0.004, 0.004, 0.006, 0.006])
 """Heights of the tyre marks above the ground for the four wheels [m]. Rear marks are above front marks."""
 SLIP_COLOURS = ((0.02, 0x4A3F2BFF), (0.12, rgba(ORANGE)), (0.3, 0xE02010FF))
-"""Pairs of slip [-] and colour 0xRRGGBBAA: brown (pressed earth), orange, red."""
+"""Pairs of slip [-] and colour 0xRRGGBBAA: brown (pressed earth), orange and red."""
 
 
 class Trail:

@@ -75,7 +75,7 @@ M_PER_N, LOAD_M_PER_N, THICK_M, THIN_M = 1 / 1000, 1 / 2000, 0.03, 0.014
 """Scales of force arrows for the default tractor: length per ground force and per wheel load [m/N], radius for ground
 force and for load [m]. Arrows of other tractors scale with tractor size, and their lengths also with tractor weight."""
 BESIDE_M, LIFT_M, FOOT = 0.05, 0.05, 0.5
-"""Distance of arrows from the tyre [m], height of arrows [m], and half the footprint length divided by wheel radius
+"""Distance of arrows from the tyre [m], height of arrows [m], and half the footprint length divided by the wheel radius
 [-]."""
 OUTWARD = np.array([1.0 if wheel.endswith("l") else -1.0 for wheel in WHEELS])
 FORCES, LOADS = "world/forces/ground", "world/forces/load"

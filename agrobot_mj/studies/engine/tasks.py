@@ -32,7 +32,7 @@ WALL = ("wall_s", "real_time_factor", "identity")  # Metrics that may differ bet
 LAST = "metrics.json"  # Name of the file that a run writes last. If it exists, all files of the run are complete.
 POSES = "poses.npy"  # File name of the poses of all bodies, an array of shape (ticks, bodies, 7)
 Row = dict[str, Any]
-"""Results of a run as JSON values: `outcome`, `expected`, `error`, metrics by dotted name, `version`."""
+"""Results of a run as JSON values: `outcome`, `expected`, `error`, `version`, and metrics by dotted name."""
 
 
 class Task(NamedTuple):
@@ -42,7 +42,7 @@ class Task(NamedTuple):
     name: str
     overrides: dict[str, Any]
     keep: str = "table"
-    """Files of the run to keep: a value of `SweepFile.keep`, or `poses` for the recording and `POSES`."""
+    """Files of the run to keep: a value of `SweepFile.keep`, or `poses` for signals, recording and body poses."""
     measure: Callable[[Log], Mapping[str, Any]] | None = None
     """Function that computes additional results from the log. Worker processes must be able to import it."""
     branches: tuple[Branch, ...] | None = None  # Branches of the random streams, or None for a run without branches
@@ -90,7 +90,7 @@ def perform(task: Task) -> Done:
 
 
 def failure(text: str, wall_s: float | None = None, identity: str | None = None) -> Done:
-    """Return the result of a run that raised an exception with the message `text`."""
+    """Return the result for a run that raised an exception; `text` is the error message."""
     end = {"outcome": ERROR, "expected": False, "error": text}
     return Done({**end, "wall_s": wall_s, "identity": identity, "version": __version__}, {})
 

@@ -121,7 +121,7 @@ def spread(function: Callable[[Work], Result], todo: Iterable[Work], workers: in
 
 @contextmanager
 def compiling_beside(scenario: Scenario) -> Iterator[None]:
-    """Compile the control loop in a second process during the context, if the cache of compiled code is empty.
+    """Compile the control loop in a second process within the context, if the cache of compiled code is empty.
 
     The process simulates the scenario on the bicycle model and flat ground, which compiles everything except the
     physics.
@@ -145,8 +145,8 @@ def _executor(workers: int, scratch: str) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker, initargs=known)
     except OSError as error:  # the semaphores of the queues cannot be created
         raise ScenarioError(
-            f"worker processes need shared memory, on Linux in /dev/shm: {error.strerror}; make it writable, or use "
-            "one job"
+            f"worker processes need shared memory, on Linux in /dev/shm: {error.strerror}; make /dev/shm writable, or "
+            "use one job"
         ) from error
 
 

@@ -23,11 +23,11 @@ Chart = dict[str, Any]
 CATEGORIES: dict[str, Any] = {"type": "category", "autorange": "reversed", "automargin": True, "dtick": 1}
 """Layout of a category axis: all names are visible, the first name is on top, and the margin adapts to the names."""
 MOST_ROWS, ROW_PX, AROUND_PX = 8, 24, 150
-"""Chart heights: maximum number of names at standard height [-], height per name and height of margins [pixels]."""
+"""Chart heights: number of names that fit a standard chart [-], and height per name and of the margins [pixels]."""
 INK, GRID, SHADE, SOFT = "#1b1b1b", "#e5e5e5", "#dddddd", "#999999"
 """Colours of text, grid lines, shaded areas and chart controls."""
 DARK = {"#000000": "#f0f0f0", INK: "#e8e8e8", GRID: "#3a3a3a", SHADE: "#4a4a4a", BLUE: BRIGHT_BLUE, SKY_BLUE: YELLOW}
-"""Chart colours in dark mode, by colour in light mode."""
+"""Chart colours in dark mode, keyed by the colours in light mode."""
 STYLE = """
 :root { color-scheme: light dark; --ink: #1b1b1b; --soft: #555; --line: #ddd; --pale: #f5f5f5; --page: #fff; }
 @media (prefers-color-scheme: dark) {

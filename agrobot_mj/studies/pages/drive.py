@@ -79,8 +79,8 @@ def across(s: Signals) -> tuple[Array, Array]:
 
 
 def implement_of(s: Signals) -> Signals:
-    """Return the signals with the position of the implement in place of the tractor, or {} for a run without an
-    implement."""
+    """Return the signals with the position of the implement in place of the tractor position, or {} for a run without
+    an implement."""
     return {**s, "x": s["implement_x"], "y": s["implement_y"]} if "implement_x" in s else {}
 
 
@@ -101,7 +101,7 @@ def enlarged(s: Signals, times: int) -> tuple[Array, Array]:
 
 
 def map_of(runs: Mapping[str, Signals]) -> tuple[str, Chart]:
-    """Return the title and chart of a map of runs. Title and axis state any magnification of cross-track errors."""
+    """Return the title and chart of a map of runs. Title and axis label state any magnification of the errors."""
     first, times = next(iter(runs.values())), enlargement(runs.values())
     data = [line(first["x_ref"], first["y_ref"], "reference", BLACK, width=1, dash="dot")]
     for k, (name, s) in enumerate(runs.items()):

@@ -49,7 +49,7 @@ class Group(NamedTuple):
 
 
 def centimetres(rows: Iterable[Row]) -> Array:
-    """Return the cross-track RMS errors of the rows [cm], without rows that have no error value."""
+    """Return the cross-track RMS errors of the rows [cm], omitting rows without an error value."""
     return np.array([CENTIMETRES * error for row in rows if (error := error_of(row, METRIC)) is not None])
 
 

@@ -34,13 +34,13 @@ The third argument is the metric of the option `--metric`.
 
 
 class Reports(NamedTuple):
-    """Report pages and sections of an extension. The keys are names of files that identify the type of a results
-    folder."""
+    """Report pages and sections of an extension. Their keys are the names of the main files of results folders."""
 
     pages: Mapping[str, Page | str] = MappingProxyType({})
-    """Page functions by identifying file. A text in place of a function states why there is no page."""
+    """Page functions, keyed by the main file of the results. A text in place of a function states why there is no
+    page."""
     sections: Mapping[str, Section] = MappingProxyType({})
-    """Functions that append a section to a page of another `Reports` object, by identifying file."""
+    """Functions that append a section to a page of another `Reports` object, keyed by the main file of the results."""
 
 
 def sweep_figures(folder: Path) -> list[Path]:
@@ -98,7 +98,7 @@ FILES = ("report.html", "ranking.png", "curves.png")
 
 
 def known_reports() -> tuple[dict[str, Page | str], dict[str, list[Section]]]:
-    """Return all pages and sections by identifying file.
+    """Return all pages and sections, keyed by the main file of the results.
 
     The page of a run is last, because a folder with other results may also contain a run.
     """
@@ -113,7 +113,7 @@ def known_reports() -> tuple[dict[str, Page | str], dict[str, list[Section]]]:
 
 
 def write_report(folder: Path, metric: str | None = None) -> list[Path]:
-    """Write the report of a results folder and return the written files. Raise `ScenarioError` for unknown results."""
+    """Write the report of a results folder and return the written files. Raise `ScenarioError` if it has no results."""
     if not folder.is_dir():
         raise ScenarioError(f"{folder}: {folder_absence(folder)}")
     pages, sections = known_reports()

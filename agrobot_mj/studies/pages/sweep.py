@@ -104,7 +104,7 @@ class RerunCommand:
         return self.plan.sweep.base.changed(self.plan.run(row["run"]).overrides)
 
     def signals(self, row: Row) -> Signals:
-        """Return the signals of the run of a table row. Without stored signals, the run is repeated."""
+        """Return the signals of the run of a table row. If no signals are stored, the run is repeated."""
         kept = self.folder / "runs" / f"{row['run']:08}"
         if (kept / "signals.parquet").exists():
             return read_signals(kept)
@@ -218,7 +218,7 @@ def curves(groups: Sequence[Group], parameter: str, again: RerunCommand, drawn: 
 
 
 def _extremes(rows: Sequence[Row], share: int) -> list[Row]:
-    """Return the best and the worst row of each block of 2 * `share` rows, which leaves one in `share` rows."""
+    """Return the best and the worst row of each block of 2 * `share` rows, that is, one in `share` rows."""
     if share == 1:
         return list(rows)
     stretches = (rows[first : first + 2 * share] for first in range(0, len(rows), 2 * share))

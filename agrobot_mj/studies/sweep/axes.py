@@ -117,7 +117,7 @@ class Steps(ValueList):
             raise ValueError(f"step: {self.step} never leads from {self.start} to {self.stop}; change its sign or size")
         if self._gaps > MOST_VALUES - 1:
             raise ValueError(
-                f"step: gives more than {MOST_VALUES:.0e} values from {self.start} to {self.stop}; increase it"
+                f"step: gives more than {MOST_VALUES:.0e} values from {self.start} to {self.stop}; increase step"
             )
         return self
 

@@ -1,6 +1,6 @@
 """Plan of a sweep: number of runs, overrides of each run, and a check that all runs are feasible.
 
-Run numbers count over variants (outermost loop), axes in the order of the file, samples, and seeds (innermost loop).
+Runs are numbered in nested loops: variants (outermost), axes in file order, samples, and seeds (innermost).
 Only random samples are stored per run, so that the memory of a plan is independent of the number of combinations.
 """
 

@@ -235,7 +235,7 @@ def _as_table(file: SweepFile) -> dict[str, Any]:
 
 
 def resolved(sweep: Sweep) -> dict[str, Any]:
-    """Return the content of a sweep file next to `base.toml`, which already contains the overrides `set`."""
+    """Return the content of a sweep file for use with `base.toml`, which already contains the overrides `set`."""
     axes = {key: axis.written for key, axis in sweep.file.axes.items()}
     known = {"base": BASE, "set": {}, "seeds": list(sweep.seeds), "axes": axes, "version": __version__}
     return {**_as_table(sweep.file), **known}

@@ -125,7 +125,7 @@ class Store(RowFiles):
         return bool(driven == row["identity"]) and all(self.file(task, name).is_file() for name in names)
 
     def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
-        """Replace the stored files of a run, and delete the results table, which has become outdated."""
+        """Replace the stored files of a run, and delete the results table, which is then outdated."""
         remove(self.folder, (TABLE,))
         place = self.file(task, LAST).parent
         if not contents and not place.exists():
@@ -150,7 +150,7 @@ class Store(RowFiles):
 
     @property
     def in_table(self) -> int:
-        """Number of rows in the results table, or 0 without a table."""
+        """Number of rows in the results table, or 0 if there is no table."""
         try:
             return int(pq.read_metadata((self.folder / TABLE).absolute()).num_rows)
         except (OSError, ValueError, pa.ArrowException):
@@ -240,7 +240,7 @@ def _common(sources: Sequence[Path], target: dict[str, Any] | None) -> dict[str,
     for source, plan in plans.items():
         if plan is None:
             raise ScenarioError(
-                f"{source}: the folder has no results of a sweep ({PLAN}); specify folders written with --shard"
+                f"{source}: the folder has no sweep results ({PLAN} is missing); specify folders written with --shard"
             )
     common: dict[str, Any] = target or plans[sources[0]] or {}
     for source, plan in plans.items():
@@ -248,7 +248,7 @@ def _common(sources: Sequence[Path], target: dict[str, Any] | None) -> dict[str,
         if different:
             raise ScenarioError(
                 f"{source}: the folder belongs to another sweep: different {', '.join(different)}; "
-                "repeat this sweep in the folder, or omit the folder"
+                "run the same sweep in all folders, or omit this folder"
             )
     return common
 
