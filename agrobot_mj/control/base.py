@@ -30,14 +30,14 @@ class Route(Protocol):
         ...
 
     def nearest(self, x: float, y: float, near: float, t: float) -> PathPoint:
-        """Return the path point nearest to (x, y) [m], searched around the arc length `near` [m].
+        """Return the path point nearest to (x, y) [m], within a search range around the arc length `near` [m].
 
-        The search covers the leg (the segment between two reversals) on which the reference is at time `t` [s].
+        The search is limited to the leg (the segment between two reversals) on which the reference is at time `t` [s].
         """
         ...
 
     def ahead(self, s: float) -> PathPoint:
-        """Return the path point at arc length `s` [m], with `offset` 0; straight lines extend the path at its ends."""
+        """Return the path point at arc length `s` [m] with `offset` 0; the path continues straight beyond its ends."""
         ...
 
     def curvatures(self, distances: Sequence[float] | Vector) -> Vector:
@@ -58,7 +58,7 @@ class Route(Protocol):
 
 
 class Situation(NamedTuple):
-    """Inputs of a guidance law at one tick."""
+    """Inputs of a guidance law in one tick."""
 
     t: float  # Time since the start of the run [s]
     estimate: Held[Estimate]  # Estimated pose of the CG, speed, yaw rate and covariance
@@ -72,7 +72,7 @@ class Situation(NamedTuple):
     towed: TowedImplement = TowedImplement()  # Dimensions and state of the implement
 
     def fetched(self) -> "Situation":
-        """Return the situation with its estimate converted to a named tuple with a read-only covariance."""
+        """Return a copy of the situation whose estimate is a named tuple with a read-only covariance."""
         estimate = fetched(self.estimate)
         if estimate is self.estimate:
             return self
@@ -80,7 +80,7 @@ class Situation(NamedTuple):
         return Situation(self.t, estimate, *self[2:])  # faster than `_replace`
 
     def steer_limit(self, lateral_acceleration_m_s2: float) -> float:
-        """Return the maximum absolute steering angle [rad] for a maximum lateral acceleration [m/s2]."""
+        """Return the maximum absolute steering angle [rad] that respects a lateral-acceleration limit [m/s2]."""
         m, u = self.machine, max(abs(self.estimate.speed), SLOWEST_M_S)
         return min(m.steer_limit, atan(m.wheelbase_m * lateral_acceleration_m_s2 / (u * u)))
 
@@ -89,7 +89,7 @@ class Learner(Reporting):
     """Base class of the components whose learned values can be saved for the next run."""
 
     def check(self) -> None:
-        """Read the files named by the component's keys. Raise ValueError with the key of an invalid file."""
+        """Read the files named by the component's keys. Raise a ValueError that names the key of an invalid file."""
 
     def learned(self, state: Any) -> Learned:
         """Return the learned quantities (see `core.learned`), or an empty mapping if the component does not learn."""
@@ -101,13 +101,13 @@ class GuidanceLaw(Learner):
 
     kind: str
     tunable: ClassVar[Mapping[str, tuple[float, float]]] = {}
-    """Search range for tuning each tunable key, in the unit of the key. Default: no keys."""
+    """Search range of each tunable key in the unit of the key. Default: none."""
     tuned: ClassVar[Mapping[str, Mapping[str, float]]] = {}
-    """Tuned gains by law name and dotted scenario key, in addition to `control.gains.TUNED`."""
+    """Tuned gains by law name and dotted scenario key, in addition to the gains in `control.gains.TUNED`."""
     timed: ClassVar[bool] = True
     """Whether a run with this law ends as `diverged` if the tractor is far from the moving reference point."""
     holds_lane_change: ClassVar[bool] = False
-    """Whether the tests require a lane change with a cross-track RMS below 0.25 m, and stability with a worn valve."""
+    """Whether the law is tested in a lane change (cross-track RMS below 0.25 m) and with a worn valve."""
 
     @property
     def needs(self) -> dict[str, str]:
@@ -133,7 +133,7 @@ class GuidanceLaw(Learner):
 
     @property
     def outside(self) -> str:
-        """Subcommand of `agrobot-mj` that runs this law in an external program, or an empty string for other laws."""
+        """Subcommand of `agrobot-mj` that runs the law in an external program, or an empty string if there is none."""
         return ""
 
     def using(self, controller: "YawController") -> "GuidanceLaw":
@@ -169,7 +169,7 @@ class YawController(Reporting):
     closed_loop: ClassVar[bool] = True
     """Whether the controller uses the measured yaw rate."""
     tunable: ClassVar[Mapping[str, tuple[float, float]]] = {}
-    """Search range for tuning each tunable key, in the unit of the key."""
+    """Search range of each tunable key in the unit of the key."""
 
     def init(self) -> Any:
         """Return the initial state of the controller."""
@@ -187,8 +187,8 @@ class YawController(Reporting):
     def relieve(self, state: Any, excess: float) -> Any:
         """Return the state after anti-windup. Controllers without an integral return `state` unchanged.
 
-        `excess` [rad] is the total steering command, including feed-forward, minus the steering limit or, while the
-        wheels lag behind the command, minus the measured steering angle.
+        `excess` [rad] is the total steering command, including feed-forward, minus the steering limit. If the command
+        is within the limit and the wheels lag behind it, `excess` is the command minus the measured angle.
         """
         return state
 

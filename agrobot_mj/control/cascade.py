@@ -43,7 +43,7 @@ class Cascade(GuidanceLaw):
 
     kind: str = "cascade"
     law: Any
-    """Outer law, which sets the references of speed and yaw rate; a `kinematic.CascadeLaw`."""
+    """Outer law (a `kinematic.CascadeLaw`), which sets the references of speed and yaw rate."""
     controller: YawController
     """Yaw controller of the inner loop."""
 
@@ -95,7 +95,7 @@ class Cascade(GuidanceLaw):
         return (*YAW_COLUMNS, *self.law.columns, *self.controller.columns, *speed)
 
     def report(self, state: CascadeState) -> Sequence[float]:
-        """Return the values of the log columns for a state."""
+        """Return the values of the log columns for a state of the cascade."""
         c = state.command
         own = (state.yaw_rate_ref, state.e_yaw_rate, c.tau_c, c.tau_n, c.q)
         speed = (state.speed.tau_c, state.speed.tau_n) if self.law.speed_network else ()

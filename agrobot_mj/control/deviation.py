@@ -19,13 +19,13 @@ increase is 0 at twice these values. Assumed values."""
 TURNING_S = 1.0
 """Time in which the wheels return from the steering limit to zero [s]. Assumed value; lock to lock takes 3.5 s."""
 STEEP = radians(10.0)
-"""Heading error that distinguishes an approach to the path (larger) from tracking (smaller) [rad]. Assumed value."""
+"""Heading error above which the motion counts as an approach to the path [rad]. Assumed value."""
 MAX_HEADING_CHANGE = radians(6.0)
 """Maximum heading change while the wheels turn to the commanded angle [rad], used to limit the speed. Assumed value."""
 RISE_M_S2 = 1.0
-"""Maximum acceleration of the speed command [m/s2]. Assumed value, with which the path is reached before full speed."""
+"""Maximum acceleration of the speed command [m/s2]. Assumed value: the tractor reaches the path before full speed."""
 LOOKBACK = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))
-"""Look-back distances for averaging the curvature, divided by slip length [-]: quantiles of an exponential weight."""
+"""Look-back distances for the mean curvature, divided by slip length [-]: quantiles of an exponential distribution."""
 
 
 class Followed(NamedTuple):
@@ -42,7 +42,7 @@ class Followed(NamedTuple):
 
 
 class Situated(NamedTuple):
-    """Estimate, steering angle and search range of the nearest path point, as numbers for compiled kernels."""
+    """Estimate, steering angle, and range of the search for the nearest path point, as numbers for compiled kernels."""
 
     estimate: Held[Estimate]
     steer: float  # Measured steering angle [rad]
@@ -93,7 +93,7 @@ def direction_of(r: Reference, last: float, place: PathPoint) -> float:
 
 @jit
 def lookback(limits: CommandLimits, place: PathPoint, direction: float, seen: Situated, length: float) -> Vector:
-    """Return the arc lengths [m] whose curvatures give the sideslip at a path point and `preview_s` later."""
+    """Return the arc lengths [m] whose curvatures determine the sideslip at a path point and `preview_s` later."""
     distances, n = np.zeros(2 * len(LOOKBACK)), len(LOOKBACK)
     s, preview, leg = place.s, abs(fetched(seen.estimate).speed) * limits.preview_s, (seen.low, seen.high)
     for k, lag in enumerate(LOOKBACK):
@@ -104,7 +104,7 @@ def lookback(limits: CommandLimits, place: PathPoint, direction: float, seen: Si
 
 @shared
 def _behind(s: float, lag: float, leg: tuple[float, float]) -> float:
-    """Return the arc length `lag` [m] behind `s`, limited to the current leg; the first leg has no lower limit."""
+    """Return the arc length `s` - `lag` [m], limited to the current leg; the first leg has no lower limit."""
     return min(max(s - lag, leg[0] if leg[0] > 0.0 else s - 1e9), leg[1])
 
 
@@ -113,7 +113,7 @@ def deviated(
     limits: CommandLimits, place: PathPoint, direction: float, rolling: tuple[float, float], curvatures: Vector,
     seen: Situated,
 ) -> PathDeviation:  # fmt: skip
-    """Return the deviation from the path, computed with the path curvatures at the arc lengths of `lookback`."""
+    """Return the deviation from the path, computed with path curvatures at the arc lengths from `lookback()`."""
     (l_r, L), n, e = rolling, len(LOOKBACK), fetched(seen.estimate)
     u = max(abs(e.speed), SLOWEST_M_S)
     beta, later = _sideslip(curvatures[:n], l_r), _sideslip(curvatures[n:], l_r)
@@ -139,7 +139,7 @@ def deviated(
 def deviated_on(
     limits: CommandLimits, last: float, samples: Matrix, seen: Situated, r: Reference, rolling: tuple[float, float]
 ) -> tuple[PathDeviation, float]:
-    """Return the deviation from a sampled path, and the maximum arc length [m] at which a curvature is needed.
+    """Return the deviation from a sampled path, and the arc length [m] up to which the path must be sampled.
 
     `last` is the last direction of travel, or 0.
     """
@@ -207,8 +207,8 @@ def _approach_speed(limits: CommandLimits, deviation: PathDeviation) -> float:
     """Return the maximum speed u [m/s] at which the tractor can turn onto the path from a large angle theta.
 
     The arc at the lateral acceleration a, and the travel in the time T = TURNING_S in which the wheels turn, must fit
-    into the distance e from the path: u^2 / a (1 - cos theta) + u T sin theta = e. The minimum is u on an arc at full
-    lock.
+    into the distance e from the path: u^2 / a (1 - cos theta) + u T sin theta = e. The result is at least the speed at
+    which an arc at full lock requires a.
     """
     theta, e, a = abs(deviation.heading), abs(deviation.cross_track), limits.lateral_acceleration
     if theta < STEEP or deviation.cross_track * deviation.heading * deviation.direction > 0.0:

@@ -17,18 +17,18 @@ from agrobot_mj.machine.tractor import GRAVITY
 
 DRIFT_TIME_S = 60.0
 """Time constant of the exponential forgetting of the drift [s]. Assumed value: white velocity noise of 3 cm/s causes an
-accumulated error of 4 cm at 20 Hz and 7 cm at 5 Hz; a drift of 7 mm/s eventually reaches the limit."""
+accumulated error of 4 cm at 20 Hz and 7 cm at 5 Hz. A drift of 7 mm/s eventually reaches the limit."""
 SWAY_S, TURN_TIME_S = 2.0, 10.0
-"""Short and long time constant [s] for averaging the difference between course and gyro angle. Assumed values: the
+"""Short and long time constants [s] for averaging the difference between course and gyro angle. Assumed values: the
 short time covers several oscillations of the antenna; a gyro bias of 0.3 deg/s separates the two means by 2.4 deg."""
 TILT_TIME_S = 4.0
-"""Averaging time of the tilt from the specific force [s]. Assumed value: twice the typical duration of an
+"""Averaging time of the tilt derived from the specific force [s]. Assumed value: twice the typical duration of an
 acceleration."""
 GAP_S = 0.5
 """Maximum time between two fixes over which their velocities are integrated [s]. Assumed value: 10 periods at 20 Hz."""
 BEND_ERROR = 0.25
 """Error of the velocity integration, divided by the time step and the second difference of the velocity [-]. Assumed
-value, above the theoretical 1/12 for time steps much shorter than the period of the antenna oscillation."""
+value, above the theoretical value of 1/12 for time steps much shorter than the antenna oscillation."""
 MOVING_M_S = 0.4  # Minimum speed of a moving tractor [m/s]. Assumed value: ten times the velocity noise.
 COURSE_M_S = 0.25
 """Minimum fix speed for deriving a course from the velocity [m/s]. Assumed value: eight times the velocity noise."""
@@ -113,7 +113,7 @@ class GyroEvidence(NamedTuple):
 
 
 class AttitudeEvidence(NamedTuple):
-    """State of the checks of the inertial unit for repeated, missing and inconsistent angles."""
+    """State of the checks for repeated, missing and inconsistent angles of the inertial unit."""
 
     angles: tuple[float, float] = (nan, nan)
     """Last measured roll and pitch angles [rad], or NaN before the first measurement."""
@@ -168,7 +168,7 @@ class TurnEvidence(NamedTuple):
     turned: float = 0.0  # Integral of the measured yaw rate [rad]
     known_s: float = 0.0  # Time covered by valid fixes [s]
     late: complex = 0j
-    """Fix velocity rotated back by the gyro angle `turned`, mean over SWAY_S [m/s], or 0 before the first valid fix."""
+    """Mean over SWAY_S of the fix velocity rotated by minus the gyro angle [m/s], or 0 before the first valid fix."""
     long: complex = 0j  # Fix velocity rotated back by the gyro angle `turned`, mean over TURN_TIME_S [m/s]
 
     def after(self, m: Sensed, fix: Fix, quality: int, dt: float) -> "TurnEvidence":

@@ -37,5 +37,5 @@ class Feedforward(CascadeLaw):
         return (Column("steer_feedforward", "rad", "feed-forward steering angle for the path curvature"),)
 
     def report(self, state: CascadeState) -> Sequence[float]:
-        """Return the values of the log columns for a state."""
+        """Return the values of the log columns for a state of the cascade."""
         return (state.feedforward,)

@@ -48,7 +48,7 @@ _lookback, _deviated, _followed = stage(lookback), stage(deviated), stage(follow
 
 
 class FollowingLaw(NamedTuple):
-    """Parameters of a path-following law without a compiled tick function."""
+    """Parameters of a path-following law that has no compiled tick function."""
 
     limits: CommandLimits
 
@@ -65,8 +65,8 @@ class Following(GuidanceLaw):
     """Maximum lateral acceleration that a command may require [m/s2]. Assumed value (range 1-3); the tractor tips at
     6.8 m/s2."""
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.4
-    """Preview time of the feed-forward angle [s]. Assumed value (range 0.3-0.5): 63 % of a steering step takes 0.38
-    s."""
+    """Preview time of the feed-forward angle [s]. Assumed value (range 0.3-0.5): the steering reaches 63 % of a step
+    after 0.38 s."""
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 35.0
     """Maximum angle of approach to a distant path [deg]. Assumed value; larger angles require tighter turns."""
     compensate_steer_bias: bool = True
@@ -155,7 +155,7 @@ class Following(GuidanceLaw):
         )
 
     def report(self, state: "FollowingState") -> Sequence[float]:
-        """Return the values of the log columns for a state."""
+        """Return the values of the log columns for a state of the law."""
         return (nan if state.s is None else state.s, state.cross_track, state.heading, state.steer_ahead)
 
 
@@ -168,7 +168,7 @@ class Integrating(Following):
         return (*super().columns, Column("steer_integral", "rad", "steering angle of the integral term"))
 
     def report(self, state: "FollowingState") -> Sequence[float]:
-        """Return the values of the log columns for a state."""
+        """Return the values of the log columns for a state of the law."""
         return (*super().report(state), state.memory.integral)
 
 

@@ -18,7 +18,7 @@ PAPER = ("kinematic with pd", "kinematic with pd_t2fnn", "kinematic with pd_t1fn
 
 
 def _tuned(gain_per_m: float, saturation_m_s: float, **controller: float) -> dict[str, float]:
-    """Return tuned gains by dotted scenario key. In argument names of controller gains, `__` stands for a dot."""
+    """Return the tuned gains by dotted scenario key. In argument names of controller gains, `__` stands for a dot."""
     outer = {"scheduled_above_m_s": 1.5, "gain_per_m": gain_per_m, "saturation_m_s": saturation_m_s}
     inner = {f"controller.{name.replace('__', '.')}": gain for name, gain in controller.items()}
     return {**{f"guidance.{name}": gain for name, gain in outer.items()}, **inner}

@@ -37,7 +37,7 @@ class CascadeLaw(GuidanceLaw):
     """Saturation k_s: maximum correction velocity per axis [m/s]. Assumed value (range 0.3-1): half the default
     speed."""
     gain_per_m: Positive = 0.4
-    """Gain k_e: slope of the correction velocity divided by k_s [1/m]. Assumed value, tuned; 0.4 to match the paper."""
+    """Gain k_e: slope of the correction velocity divided by k_s [1/m]. Assumed value from tuning; 0.4 in the paper."""
     lateral_acceleration_m_s2: Positive = 2.0
     """Maximum lateral acceleration that a command may require [m/s2]. Assumed value (range 1-3); the compact tractor
     tips at 6.8 m/s2."""

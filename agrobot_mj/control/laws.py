@@ -1,4 +1,4 @@
-"""Guidance laws that do not wrap another law; laws of extensions can wrap these laws."""
+"""Built-in guidance laws that do not wrap another law, and can be wrapped by laws of the extensions."""
 
 from agrobot_mj.control.feedforward import Feedforward
 from agrobot_mj.control.kinematic import Kinematic

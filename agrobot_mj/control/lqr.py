@@ -5,8 +5,8 @@ rate gamma, and the steering angle delta and its command delta_c, both minus the
   e_y' = u e_psi + a gamma,  e_psi' = gamma,  gamma = u delta / (L + K u^2),  tau delta' = delta_c(t - T) - delta,
 with the mass m, wheelbase L, axle distances l_f and l_r from the CG, cornering stiffnesses C_f and C_r, lag tau and
 delay T of the steering, understeer K = m (l_r C_r - l_f C_f) / (L C_f C_r), and distance a = l_r - m l_f u^2 / (L C_r)
-from the CG to the point without sideslip [Snider2009], [Rajamani2012]. The model is discretised at the tick; delayed
-commands are states. The cost is
+from the CG to the point without sideslip [Snider2009], [Rajamani2012]. The model is discretised with the time
+step of one tick; the delayed commands are additional states. The cost is
   (e_y / offset)^2 + (e_psi / heading)^2 + (delta' / rate)^2 + (delta_c / steer)^2 + (integral of e_y / integral)^2.
 The gains follow from the discrete Riccati equation, solved once per process on a grid of speeds, and are interpolated.
 
@@ -47,7 +47,7 @@ class LqrState(NamedTuple):
 
     integral: float = 0.0  # Integral of the cross-track error, stored as a steering angle [rad]
     delayed: Vector = np.zeros(0)
-    """Feedback parts of the steering commands that are still within the steering delay [rad], oldest first."""
+    """Feedback parts of the steering commands issued during the last steering delay [rad], oldest first."""
     errors: Vector = np.zeros(0)
     """Path errors, steering angle and delayed commands at the last tick, or an empty array before the first tick."""
     table: Matrix = np.zeros((0, 0))  # Gains by speed, see `_table`, or an empty array before the first tick
@@ -135,7 +135,7 @@ def _tick(
     r: Reference,
     dt: float,
 ) -> tuple[LqrState, Followed, float]:
-    """Return the new state, the command with path errors, and the maximum arc length [m] needed on a sampled path.
+    """Return the new state, the command and path errors, and the arc length [m] up to which the path must be sampled.
 
     `last` contains the last direction of travel and the last speed command [m/s].
     """
@@ -165,17 +165,17 @@ class Lqr(Integrating):
     rear_cornering_stiffness_n_rad: Positive = 30_000.0
     """Cornering stiffness C_r of the rear axle [N/rad]. Assumed value, as in the bicycle plant."""
     steering_lag_s: Positive = 0.7
-    """Time constant tau of the closed steering loop [s]. Assumed value (0.25 with a new, 1.3 with a worn valve)."""
+    """Time constant tau of the closed steering loop [s]. Assumed value (0.25 with a new valve, 1.3 with a worn one)."""
     steering_delay_s: Latency = 0.1
     """Delay T of the valve, a multiple of the tick [s]. Assumed value, as in `Valve`."""
     offset_m: Positive = 0.14
-    """Cross-track error that contributes 1 to the cost [m]. Assumed value (range 0.1-0.4), tuned."""
+    """Cross-track error that contributes 1 to the cost [m]. Assumed value (range 0.1-0.4) from tuning."""
     heading_deg: Positive = 3.9
-    """Heading error that contributes 1 to the cost [deg]. Assumed value (range 3-15), tuned."""
+    """Heading error that contributes 1 to the cost [deg]. Assumed value (range 3-15) from tuning."""
     rate_deg_s: Positive = 35.0
-    """Steering rate that contributes 1 to the cost [deg/s]. Assumed value, tuned; 4-15 if chosen by hand."""
+    """Steering rate that contributes 1 to the cost [deg/s]. Assumed value from tuning; manual tuning gives 4-15."""
     steer_deg: Positive = 6.0
-    """Deviation from the feed-forward angle that contributes 1 to the cost [deg]. Assumed value (range 3-15), tuned."""
+    """Deviation from the feed-forward angle that adds 1 to the cost [deg]. Assumed value (range 3-15) from tuning."""
     integral_m_s: Positive | None = 2.6
     """Integral of the cross-track error that contributes 1 to the cost [m s]; null disables integral action. Assumed
     value (range 1-5), with which the error after a step disturbance decays in 10 s."""
@@ -190,7 +190,7 @@ class Lqr(Integrating):
     """Search ranges for tuning the gains."""
 
     def memory(self) -> LqrState:
-        """Return the initial state, with delayed commands of zero and without gains."""
+        """Return the initial state; the delayed commands are zero and the gains are not yet computed."""
         return LqrState(delayed=np.zeros(round(self.steering_delay_s / TICK_S)))
 
     def steering(
@@ -233,7 +233,7 @@ def slip_of(law: Lqr, machine: TractorParameters) -> SteadySlip:
 
 @lru_cache(maxsize=64)
 def _table(law: Lqr, machine: TractorParameters) -> Matrix:
-    """Return gains and ratios P_qx / P_qq (see `_gains`), one row per speed: forward speeds, then reverse speeds."""
+    """Return the gains and ratios P_qx / P_qq (see `_gains`): a row per forward speed, then a row per reverse speed."""
     return np.array([np.concatenate(_gains(law, machine, sign * u)) for sign in (1, -1) for u in SPEEDS])
 
 

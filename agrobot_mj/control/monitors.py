@@ -1,7 +1,7 @@
-"""Monitors of the supervisor. A monitor has a signal, a limit, a maximum duration above the limit, and a reason.
+"""Monitors of the supervisor. A monitor has a signal, a limit, a maximum duration above it, and a reason for a stop.
 
-The first monitors compare position, steering angle, pedal and speed with path and commands, and check the estimator
-state. The other monitors are independent of the estimator. They detect:
+The first monitors compare position, steering angle, pedal and speed with the path and the commands, and check
+the estimator state. The other monitors are independent of the estimator. They detect:
 - repeated fixes, and fixes that contradict their velocity or dead reckoning;
 - wheels slower than the fixes;
 - a yaw rate that contradicts the steering angle or the course of the fixes;
@@ -35,10 +35,10 @@ from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 
 OVERSPEED_M_S = 0.15
-"""Constant part of the limits on overspeed and speed difference [m/s]. Assumed value: 4 times the measurement noise."""
+"""Constant part of the limits on overspeed and speed difference [m/s]. Assumed value: 4 times the speed noise."""
 AGREEING = 0.15
-"""Maximum difference between agreeing wheel and fix speeds, divided by the wheel speed [-], without the constant part
-`OVERSPEED_M_S`. Assumed value that allows for wheel slip."""
+"""Maximum difference between wheel speed and fix speed that counts as agreement, divided by the wheel speed [-]; the
+constant `OVERSPEED_M_S` is added. Assumed value that allows for wheel slip."""
 SWAYING_M_S = 0.8
 """Speed [m/s] below which the limit of the course monitor increases as 1 / speed, because the antenna oscillates.
 Assumed value."""
@@ -50,7 +50,7 @@ TURNED_AWAY = 0.3
 """Accepted increase of the distance from the path during a turn towards the path, divided by the turning radius [-].
 Assumed value."""
 DRIFT_SIGMAS = 2.5
-"""Drift-limit margin, in standard deviations of the integration [-]. Assumed value for low fix rates and ridges."""
+"""Drift-limit margin in standard deviations of integration errors [-]. Assumed value for low fix rates and ridges."""
 MAX_RATIO = 3.0
 """Maximum weight of the time above a limit [-]. The weight is the ratio of signal to limit. Assumed value."""
 
@@ -103,7 +103,7 @@ class MonitorSignals(NamedTuple):
     tracked: bool = False  # Whether the heading has been known at least once
     aligning_s: float = 0.0  # Time since the heading was last known [s]
     readings: tuple[float, float] = (nan, nan)
-    """Last measured steering angle [rad] and pedal [-], or NaN before the first tick."""
+    """Last measured steering angle [rad] and pedal position [-], or NaN before the first tick."""
     rate: float = 0.0  # Rate of the measured steering angle, smoothed over STEERING_RATE_S [rad/s]
 
 
@@ -123,7 +123,7 @@ class SupervisorLimits(Reporting):
     10-60)."""
     max_nis: Positive = 120.0
     """Maximum smoothed normalised innovation squared (NIS) of the fixes [-]. Assumed value (range 30-150): the mean is
-    2 for a consistent filter and 85 on 3 cm ridges at 2.5 m/s. Wrong fixes (NIS clipped to 200) give 126 after 5 s."""
+    2 for a consistent filter and 85 on 3 cm ridges at 2.5 m/s. Wrong fixes (NIS clipped to 200) cause 126 after 5 s."""
     max_steer_mismatch_deg: Positive = 12.0
     """Maximum difference between commanded and measured steering angle [deg]. Assumed value (range 5-20)."""
     steer_mismatch_s: Positive = 2.0
@@ -141,18 +141,18 @@ class SupervisorLimits(Reporting):
     """Maximum difference between commanded and measured pedal position [-]. Assumed value (range 0.05-0.15): speed
     ramps cause a difference of 0.05."""
     pedal_mismatch_s: Positive = 0.14
-    """Maximum duration of a pedal mismatch [s]. Assumed value (range 0.1-0.3); a runaway pedal moves to its end in 0.5
+    """Maximum duration of a pedal mismatch [s]. Assumed value (range 0.1-0.3); a runaway pedal reaches its stop in 0.5
     s."""
     max_pedal_rate_per_s: Positive = 2.2
     """Maximum plausible rate of the measured pedal position [1/s]. Assumed value (range 2-5); the pedal moves at 1.5
     1/s."""
     max_wheel_lag_m_s: Positive = 0.35
-    """Maximum fix speed minus wheel speed [m/s]. Assumed value (range 0.2-0.5), which covers antenna oscillation."""
+    """Maximum of fix speed minus wheel speed [m/s]. Assumed value (range 0.2-0.5), which covers antenna oscillation."""
     max_wheel_lag_share: NonNegative = 0.3
-    """Increase of `max_wheel_lag_m_s` per fix speed [-]. Assumed value (range 0.2-0.4), which covers bumps."""
+    """Increase of `max_wheel_lag_m_s` divided by fix speed [-]. Assumed value (range 0.2-0.4), which covers bumps."""
     wheel_lag_s: Positive = 0.3
-    """Maximum duration of a wheel speed below the fix speed [s]. Assumed value (range 0.2-0.5): half the period of the
-    antenna oscillation."""
+    """Maximum time for which the wheel speed may be below the fix speed [s]. Assumed value (range 0.2-0.5): half the
+    period of the antenna oscillation."""
     outvoted_s: Positive = 1.0
     """Maximum time for which the estimated speed may be below the speed on which wheels and fixes agree [s]. Assumed
     value (range 0.5-2), more than one period of the antenna oscillation."""
@@ -160,8 +160,8 @@ class SupervisorLimits(Reporting):
     """Maximum difference between the measured steering angle and the angle derived from the yaw rate [deg]. Assumed
     value (range 6-15), which covers wear and sideslip."""
     max_angle_mismatch_share: NonNegative = 0.4
-    """Increase of the limit `max_angle_mismatch_deg` per steering angle [-], which is the larger of the measured angle
-    and the angle derived from the yaw rate. Assumed value (range 0.3-0.6), which covers sliding wheels."""
+    """Increase of `max_angle_mismatch_deg`, divided by the steering angle [-]: the larger of the measured angle and the
+    angle derived from the yaw rate. Assumed value (range 0.3-0.6), which covers sliding wheels."""
     angle_mismatch_s: Positive = 1.0
     """Maximum duration of a mismatch between steering angle and yaw rate [s]. Assumed value (range 0.5-1.5), which
     covers the lag of wheels and tyres."""
@@ -172,9 +172,9 @@ class SupervisorLimits(Reporting):
     """Maximum duration of a repeated position while moving, or of a repeated yaw rate while turning [s]. Assumed value
     (0.2-1): the noise of a working sensor prevents repetition."""
     max_course_mismatch_deg: Positive = 8.0
-    """Maximum rotation of the fixes' course relative to the gyro heading [deg]: difference between the means over 2 s
-    and 10 s. The limit increases below 0.8 m/s. Assumed value (range 6-15): ridges at 3 m/s cause 6 deg, a gyro bias of
-    1 deg/s causes 8 deg."""
+    """Maximum rotation of the course of the fixes relative to the gyro heading [deg]: difference between the means over
+    2 s and 10 s. The limit increases below 0.8 m/s. Assumed value (range 6-15): ridges at 3 m/s cause 6 deg, and a
+    gyro bias of 1 deg/s causes 8 deg."""
     max_fix_drift_m: Positive = 0.3
     """Maximum difference between fix positions and integrated fix velocities, accumulated over about 60 s [m]. The
     limit is higher for receivers with a low rate and on rough ground. Assumed value (range 0.3-1): white velocity noise
@@ -188,10 +188,10 @@ class SupervisorLimits(Reporting):
     the interval between two checked fixes."""
     max_tilt_mismatch_deg: Positive = 6.0
     """Maximum error of roll or pitch relative to the tilt derived from the specific force, averaged over 4 s [deg].
-    Assumed value (range 4-10): 0.5 m/s2 cause 3 deg, ridges of 3 cm at 3 m/s cause up to 4.5 deg.
+    Assumed value (range 4-10): an acceleration of 0.5 m/s2 causes 3 deg, and ridges of 3 cm at 3 m/s up to 4.5 deg.
     """
     max_attitude_age_s: Positive = 2.0
-    """Maximum time without angles from the inertial unit [s]. Assumed value (range 1-5), short compared with a turn."""
+    """Maximum time without angles from the inertial unit [s]. Assumed value (range 1-5), shorter than a turn."""
 
     def limits(self, machine: TractorParameters) -> "Limits":
         """Return the limits for a tractor, as numbers for compiled kernels."""
@@ -214,10 +214,10 @@ Checks = tuple[tuple[float, float, float], ...]
 def checks(
     most: Limits, w: MonitorSignals, e: Estimate, m: Sensed, fix: Fix, steer: float, reckoned: tuple[float, float]
 ) -> Checks:
-    """Return signal, limit and maximum duration of all monitors, in order of priority.
+    """Return the signal, limit and maximum duration of all monitors, in order of priority.
 
-    The first monitor that requires a stop gives its reason. `reckoned` is the distance of a fix from dead reckoning and
-    the standard deviation of this distance [m].
+    The first monitor that requires a stop determines the reason. `reckoned` contains the distance of a fix from dead
+    reckoning and the standard deviation of this distance [m].
     """
     attitude = w.attitude
     return (
@@ -233,7 +233,7 @@ def checks(
 
 @jit
 def over(check: tuple[float, float, float], time: float, dt: float) -> float:
-    """Return the weighted time above a limit [s] after `dt` [s]: 0 for a lower signal, unchanged for a NaN signal."""
+    """Return the weighted time above a limit [s] after `dt` [s]: 0 below the limit, unchanged for a NaN signal."""
     signal, limit, _ = check
     if isnan(signal):
         return time
@@ -305,14 +305,14 @@ def _unseen_turn(most: Limits, e: Estimate, m: Sensed, gyro: GyroEvidence) -> fl
 
 @jit
 def _required_angle(most: Limits, e: Estimate, gyro: float) -> float:
-    """Return the steering angle [deg] for the gyro's (without a gyro, the estimated) yaw rate, or NaN at low speed."""
+    """Return the steering angle [deg] for the measured or, without a gyro, estimated yaw rate; NaN at low speed."""
     rate = e.yaw_rate if isnan(gyro) else gyro
     return degrees(atan(most.wheelbase * rate / e.speed)) if abs(e.speed) > MOVING_M_S else nan
 
 
 @jit
 def _agreed_speed(proof: Evidence, m: Sensed) -> float:
-    """Return the speed on which wheels and newest fix agree [m/s], or 0 if they disagree or one speed is missing."""
+    """Return the speed [m/s] on which wheels and newest fix agree, or 0 if the speeds differ or one is missing."""
     fixes, wheels = sqrt(proof.fix.vx * proof.fix.vx + proof.fix.vy * proof.fix.vy), abs(m.wheel_speed)
     if m.t - proof.t > GAP_S:
         return 0.0

@@ -35,7 +35,7 @@ STEP_S = 2 * TICK_S  # Time step of the prediction [s]
 STEPS = 20  # Number of steps in the 2 s horizon
 HORIZON_S = STEPS * STEP_S  # Duration of the horizon [s]
 APPROACH = 2 / 3
-"""Maximum decay length (to 1/e) of a path error, divided by the distance covered in the horizon [-]. Assumed value."""
+"""Maximum decay length (to 1/e) of a path error, divided by the predicted travel distance [-]. Assumed value."""
 ITERATIONS = 2  # Number of Gauss-Newton steps per tick
 DISTURBANCES = np.zeros(4)
 """Initial estimates of cross-track error, heading error, crab angle and curvature disturbance, all zero."""
@@ -58,14 +58,14 @@ class Nmpc(Following):
     kind: Literal["nmpc"] = "nmpc"
     label: ClassVar = "NMPC"
     steering_lag_s: Positive = 0.7
-    """Time constant tau of the closed steering loop [s]. Assumed value (0.25 with a new, 1.3 with a worn valve)."""
+    """Time constant tau of the closed steering loop [s]. Assumed value (0.25 with a new valve, 1.3 with a worn one)."""
     offset_m: Positive = 0.23
-    """Cross-track error that contributes 1 to the cost [m]. Assumed value (range 0.05-0.5), tuned."""
+    """Cross-track error that contributes 1 to the cost [m]. Assumed value (range 0.05-0.5) from tuning."""
     heading_deg: Positive = 5.2
     """Course error that contributes 1 to the cost [deg]. The minimum is `offset_m` divided by two thirds of the
-    distance covered in the prediction horizon. Assumed value (range 1-10), tuned."""
+    distance covered in the prediction horizon. Assumed value (range 1-10) from tuning."""
     rate_deg_s: Positive = 37.0
-    """Steering rate that contributes 1 to the cost [deg/s]. Assumed value, tuned; 5-25 if chosen by hand."""
+    """Steering rate that contributes 1 to the cost [deg/s]. Assumed value from tuning; manual tuning gives 5-25."""
     steer_rate_deg_s: Positive = 25.0
     """Maximum rate of the steering command [deg/s]. Assumed value; the wheels turn at 26 deg/s with full pump flow."""
     offset_noise_m: Positive = 0.03
@@ -171,7 +171,7 @@ class Nmpc(Following):
         return (*super().columns, *DISTURBANCE_COLUMNS)
 
     def report(self, state: FollowingState) -> Sequence[float]:
-        """Return the values of the log columns for a state."""
+        """Return the values of the log columns for a state of the law."""
         return (*super().report(state), float(state.memory.mean[2]), float(state.memory.mean[3]))
 
 
@@ -200,7 +200,7 @@ class _Solver:
     def solve(self, rates: Array, p: Array, fastest: float, bounds: tuple[float, float]) -> Array:
         """Return the steering rates [rad/s] after the Gauss-Newton steps.
 
-        The magnitudes of the rates are at most `fastest` [rad/s]; their integrals are within `bounds` [rad].
+        The magnitudes of the rates are at most `fastest` [rad/s]; the angle changes are within `bounds` [rad].
         """
         for _ in range(ITERATIONS):
             residual, J = (np.array(part) for part in self.linear(rates, p))

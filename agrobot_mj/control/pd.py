@@ -16,9 +16,9 @@ class Conventional(YawController):
     """Base class of the closed-loop yaw controllers with proportional and derivative terms."""
 
     kp: float = 0.4
-    """Proportional gain k_P [rad s/rad]. Assumed value, tuned with `kinematic`; 0.4 with `gains = "paper"`."""
+    """Proportional gain k_P [rad s/rad]. Assumed value from tuning with `kinematic`; 0.4 with `gains = "paper"`."""
     kd: float = 0.0
-    """Derivative gain k_D [rad s2/rad]. Assumed value, tuned; 0 with `gains = "paper"`."""
+    """Derivative gain k_D [rad s2/rad]. Assumed value from tuning; 0 with `gains = "paper"`."""
     derivative_filter_s: NonNegative = 0.2
     """Time constant of the low-pass filter of the error derivative [s]. Assumed value (range 0.1-0.5)."""
     tunable: ClassVar = {"kp": (0.1, 1.5), "kd": (0.0, 0.3)}

@@ -23,7 +23,7 @@ class NeuroState(NamedTuple):
     slope: FilteredRate = FilteredRate()  # Filtered derivative of the yaw-rate error [rad/s2]
     network: Held[Network] | None = None  # Network, initialised at the first error, or None before the first error
     reported: Array | None = None
-    """Log values of the network in the last tick, before learning, or None before the first tick."""
+    """Log values of the network in the last tick, taken before the learning step, or None before the first tick."""
     saturated: bool = False  # Whether the last command was clipped at the steering limit
 
 
@@ -56,11 +56,11 @@ class PdNetwork(Conventional):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Log columns of the network, see `T2Fnn.columns`."""
+        """Log columns of the network; see `T2Fnn.columns`."""
         return self.network.columns
 
     def report(self, state: NeuroState) -> Sequence[float]:
-        """Return the values of the log columns in the last tick, before learning, or NaN before the first tick."""
+        """Return the log values of the last tick, taken before the learning step, or NaN before the first tick."""
         return [nan] * len(self.columns) if state.reported is None else state.reported.tolist()
 
 

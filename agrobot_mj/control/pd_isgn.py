@@ -26,7 +26,7 @@ class PdIsgn(Conventional):
     kind: Literal["pd_isgn"] = "pd_isgn"
     label: ClassVar = "PD + integral of sgn"
     alpha: Positive = 0.02
-    """Rate of the integral [rad/s]. Assumed value, tuned; 0.02 with `gains = "paper"`, as in `T2Fnn`."""
+    """Rate of the integral [rad/s]. Assumed value from tuning; 0.02 with `gains = "paper"`, as in `T2Fnn`."""
     delta_s: Positive = 0.05
     """Smoothing width of the sign function [rad]. Paper."""
     tunable: ClassVar = {**Conventional.tunable, "alpha": (0.005, 0.5)}

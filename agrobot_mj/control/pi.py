@@ -16,7 +16,7 @@ from agrobot_mj.control.pid import clip
 from agrobot_mj.core.spec import NonNegative
 
 TRANSIENT_RAD_S = 0.3
-"""Yaw-rate error above which the integral is frozen [rad/s], as during an approach to the path. Assumed value."""
+"""Minimum yaw-rate error that indicates an approach to the path and freezes the integral [rad/s]. Assumed value."""
 
 
 class PiState(NamedTuple):
@@ -32,9 +32,9 @@ class Pi(YawController):
     kind: Literal["pi"] = "pi"
     label: ClassVar = "PI"
     kp: NonNegative = 0.7
-    """Proportional gain k_P [rad s/rad]. Assumed value, tuned with `kinematic`; limit cycles occur above about 1.5."""
+    """Proportional gain k_P [rad s/rad]. Assumed value from tuning with `kinematic`; above 1.5, limit cycles occur."""
     ki: NonNegative = 0.2
-    """Integral gain k_I [rad/rad]. Assumed value, tuned; 0.2 with k_P 0.4 causes a limit cycle with a worn valve."""
+    """Integral gain k_I [rad/rad]. Assumed value from tuning; 0.2 causes limit cycles of worn valves at k_P 0.4."""
     tunable: ClassVar = {"kp": (0.1, 1.5), "ki": (0.0, 1.5)}
     """Search ranges for tuning the gains."""
 

@@ -1,6 +1,6 @@
 """PID controller, speed and steering loops, and brake.
 
-Steering and pedal valve accept 0-12 V and are neutral at 6 V; a higher voltage steers left and moves the pedal forward.
+Steering and pedal valves accept 0-12 V and are neutral at 6 V; higher voltages steer left or move the pedal forward.
 The structure is from the paper, section V-B: two cascaded PIDs for the speed and an inner loop for the steering. The
 gains are assumed values for the delays, lags and dead bands of `hydraulics` and `driveline`.
 
@@ -83,11 +83,11 @@ class Pid(Spec):
     """PID controller with a filtered derivative; the units of the gains depend on the loop."""
 
     kp: float = 1.0
-    """Proportional gain [output/error]. Assumed value, tuned."""
+    """Proportional gain [output/error]. Assumed value from tuning."""
     ki: float = 0.0
-    """Integral gain [output/(error s)]. Assumed value, tuned."""
+    """Integral gain [output/(error s)]. Assumed value from tuning."""
     kd: float = 0.0
-    """Derivative gain [output s/error]. Assumed value, tuned."""
+    """Derivative gain [output s/error]. Assumed value from tuning."""
     derivative_filter_s: NonNegative = 0.1
     """Time constant of the low-pass filter of the derivative [s]. Assumed value of one or two ticks."""
 
@@ -110,7 +110,7 @@ class Pid(Spec):
 def over_dead_band(error: float, jump: float, tolerance: float) -> float:
     """Return the voltage [V] that compensates the dead band of a valve, with the sign of `error`.
 
-    The magnitude is 0 for errors below `tolerance` and rises linearly to `jump` at twice the tolerance.
+    The voltage is 0 for errors below `tolerance` and rises linearly to `jump` [V] at twice the tolerance.
     """
     size = jump * clip(abs(error) / tolerance - 1, 0.0, 1.0)
     return size if error > 0 else -size
@@ -138,7 +138,7 @@ class SpeedLoopLaw(NamedTuple):
 def speed_step(
     p: SpeedLoopLaw, s: SpeedState, speed_ref: float, speed: float, pedal: float, dt: float
 ) -> tuple[SpeedState, float]:
-    """Return the new state and valve voltage [V] for commanded and estimated speed [m/s] and measured pedal [-]."""
+    """Return the new state and valve voltage [V] for the speed command and estimate [m/s] and pedal position [-]."""
     outer, pedal_ref = pid_step(p.outer, s.outer, speed_ref - speed, dt, -1.0, 1.0, p.feedforward * speed_ref)
     return pedal_step(p, SpeedState(outer, s.inner, s.reference), pedal_ref, pedal, dt)
 
@@ -153,7 +153,7 @@ def pedal_step(p: SpeedLoopLaw, s: SpeedState, pedal_ref: float, pedal: float, d
 
 
 class SpeedLoop(Spec):
-    """Speed loop of two PIDs: from speed error to pedal reference, from pedal error to voltage (paper, section V-B).
+    """Speed loop of two PIDs: speed error to pedal reference, and pedal error to valve voltage (paper, section V-B).
 
     The default gains of the outer PID are inversely proportional to the full speed of the machine.
     """
@@ -219,7 +219,7 @@ class SteeringLoop(AngleLoop):
 
     kind: Literal["pid"] = "pid"
     pid: Pid = Pid(kp=20.0, ki=3.0, kd=2.0, derivative_filter_s=0.05)
-    """PID controller, from angle error [rad] to valve voltage [V]. Assumed value."""
+    """PID controller, from angle error [rad] to valve voltage [V]. The gains are assumed values."""
     deadband_compensation_v: NonNegative = 0.3
     """Voltage that compensates the valve's dead band [V]. Assumed value, below the dead band to avoid limit cycles."""
     tolerance_deg: Positive = 0.1
@@ -227,7 +227,7 @@ class SteeringLoop(AngleLoop):
     1 deg."""
     reference_rate_deg_s: Positive | None = None
     """Maximum rate of the reference angle [deg/s]. Default: null (no limit), as in the paper. A limit of 26 deg/s, the
-    maximum rate of the valve, removes the jump of the command at the return of GNSS fixes."""
+    maximum rate of the valve, removes the jump of the command when GNSS fixes return."""
 
     def init(self) -> SteeringState:
         """Return the initial state, with the wheels straight ahead."""
@@ -249,7 +249,7 @@ STANDSTILL_S = 1.0
 STOPPED_S = 2.0
 """Time from brake application to standstill [s]. Assumed value: twice the braking time from field speed."""
 CRAWL_M_S = 0.1
-"""Speed command [m/s] below which the brake is applied if the reference is at rest. Assumed value above GNSS noise."""
+"""Speed command [m/s] below which the brake is applied if the reference is at rest. Assumed value, above GNSS noise."""
 
 
 class BrakeState(NamedTuple):

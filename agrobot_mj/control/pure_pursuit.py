@@ -6,7 +6,7 @@ to the given path of the CG, at a look-ahead distance that increases with the sp
 with the goal behind. Source: [Coulter1992], [Snider2009].
 
 The arc begins at the position of R predicted for `prediction_s` later at the current yaw rate. The prediction
-compensates the delay and lag of the steering, which would otherwise cause oscillation at speed.
+compensates the delay and lag of the steering, which would otherwise cause oscillation at high speed.
 
 The law works on any path, forward and in reverse. Only the look-ahead distance needs tuning. Where the curvature
 changes, the tractor cuts the corner by about the squared look-ahead distance divided by eight times the radius. A short
@@ -52,17 +52,17 @@ class PurePursuit(Integrating):
     kind: Literal["pure_pursuit"] = "pure_pursuit"
     label: ClassVar = "pure pursuit"
     lookahead_s: NonNegative = 0.21
-    """Increase of the look-ahead distance per speed [s]. Assumed value, tuned; 0.3-2 if chosen by hand."""
+    """Increase of the look-ahead distance per speed [s]. Assumed value from tuning; manual tuning gives 0.3-2."""
     lookahead_m: Positive = 1.8
-    """Speed-independent part of the look-ahead distance at or above `BRISK_M_S` [m]. Assumed value (range 0.6-2.4),
-    tuned; values below 1 cause oscillation with a worn valve."""
+    """Speed-independent part of the look-ahead distance at or above `BRISK_M_S` [m]. Assumed value (range 0.6-2.4) from
+    tuning; values below 1 cause oscillation with a worn valve."""
     prediction_s: Annotated[float, Field(ge=0, le=2)] = 0.46
-    """Prediction time for the start of the arc [s]. Assumed value, tuned: about the sum of steering delay and lag."""
+    """Prediction time for the start of the arc [s]. Assumed value from tuning: about the steering delay plus lag."""
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 25.0
     """Maximum angle of approach to a distant path [deg]. Assumed value (range 20-50); larger angles cause overshoot."""
     integral_per_m2: NonNegative = 0.012
     """Integral gain in forward travel [rad/m2]: steering angle divided by the integral of the cross-track error over
-    the distance; 0 disables the integral. Assumed value (range 0-0.05), tuned."""
+    the distance; 0 disables the integral. Assumed value (range 0-0.05) from tuning."""
     tunable: ClassVar = {
         "lookahead_s": (0.2, 3.0),
         "lookahead_m": (0.2, 3.0),
@@ -78,7 +78,7 @@ class PurePursuit(Integrating):
     def steering(
         self, memory: PursuitState, deviation: PathDeviation, situation: Situation, dt: float
     ) -> tuple[PursuitState, float]:
-        """Return the new state and the steering angle [rad], the angle of the arc to the goal plus the integral."""
+        """Return the new state and the steering angle [rad]: the angle of the arc to the goal plus the integral."""
         arc, e = self._arc(deviation, situation), situation.estimate
         if deviation.direction < 0:
             return memory, arc

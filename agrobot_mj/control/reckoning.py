@@ -39,7 +39,7 @@ MEMORY_S, RENEWAL_S = 30.0, 5.0
 """Lifetime of a reference and interval between the starts of references [s]. Assumed values."""
 HISTORY_TICKS = 101  # Number of ticks for which sums are stored: fixes arrive up to 5 s late
 START_M = 1.5
-"""Minimum distance between the two fixes that give the initial heading [m]. Assumed value for an accuracy of 3 deg."""
+"""Minimum distance between two fixes for the initial heading [m]. Assumed value for a heading error of 3 deg."""
 POSITION_SIGMA, TILT_SIGMA, UNKNOWN_TILT_SIGMA = 0.03, 0.02, 0.06
 """Standard deviations [m] of a fix, and of the antenna position due to tilt with and without an inertial unit. Assumed
 values: above the receiver noise of 2 cm; tilt errors of 0.6 and 2 deg at a height of 2 m."""
@@ -54,7 +54,7 @@ POSITION_WALK, ANGLE_WALK, BIAS_WALK, COMPLIANCE_WALK = 0.005, radians(0.03), ra
 """Random walks of position [m/sqrt(s)], frame angle theta [rad/sqrt(s)], gyro bias [rad/s/sqrt(s)] and tyre compliance
 [rad s2/m/sqrt(s)]. Assumed values for antenna oscillation, gyro noise, gyro warm-up and changes of the ground."""
 HITCH_SIGMA = radians(2.0)
-"""Standard deviation of the modelled hitch angle [rad]. Assumed value that covers sideslip of tractor and implement."""
+"""Standard deviation of the modelled hitch angle [rad]. Assumed value for sideslip of the tractor and implement."""
 ROCKING_FACTOR = 2.0
 """Standard deviation of the antenna-position error due to tilt oscillation, divided by the mean distance of the antenna
 from its mean position [-]. Assumed value, above 1 because the measured angles lag the oscillation."""
@@ -85,7 +85,7 @@ class References(NamedTuple):
 def _followed(
     r: References, last: Sums, at: Sums, fix: Fix, heading: float, variance: float, sharing: float
 ) -> tuple[References, float, float]:
-    """Return the references after a fix, and distance and sigma [m] of the fix from the least consistent reference.
+    """Return the references after a fix, and the distance of the fix from the least consistent one with its sigma [m].
 
     `variance` [m2] is the variance of the fix position; `sharing` is the number of consecutive fixes with equal error.
     `heading` is the measured heading minus the integrated yaw rate [rad], or NaN if not measured.
@@ -115,7 +115,7 @@ def _followed(
 
 @jit
 def _predict(mean: Vector, P: Matrix, last: Sums, at: Sums) -> None:
-    """Predict the mean and covariance of a reference in place, from the sums `last` to the sums `at`."""
+    """Predict the mean and covariance of a reference in place, from the dead-reckoning sums `last` to the sums `at`."""
     dt, dq, dh, turned_s = at.t - last.t, at.path - last.path, at.bent - last.bent, at.gyro_s - last.gyro_s
     theta, b, k, kappa, c = mean[2], mean[3], mean[4], mean[5], mean[6]
     ahead = turn(1j * (theta + kappa - 0.5 * b * turned_s))

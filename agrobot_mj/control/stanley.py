@@ -105,7 +105,7 @@ def _tick(
     p: Held[StanleyLaw], memory: StanleyState, last: tuple[float, float], samples: Matrix, seen: Situated, r: Reference,
     dt: float,
 ) -> tuple[StanleyState, Followed, float]:  # fmt: skip
-    """Return the new state, the command with path errors, and the maximum arc length [m] needed on a sampled path.
+    """Return the new state, the command and path errors, and the arc length [m] up to which the path must be sampled.
 
     `last` contains the last direction of travel and the last speed command [m/s].
     """
@@ -128,18 +128,18 @@ class Stanley(Integrating):
     label: ClassVar = "Stanley"
     compiled = staticmethod(_tick)
     gain_per_s: Positive = 0.91
-    """Gain k: lateral approach speed per lateral offset of the axle [1/s]. Assumed value (range 0.3-1), below 1 / (4 T)
-    for a steering lag T."""
+    """Gain k: lateral approach speed divided by the lateral offset of the axle [1/s]. Assumed value (range 0.3-1),
+    below 1 / (4 T) for a steering lag T."""
     softening_m_s: NonNegative = 0.99
     """Softening speed u_0 [m/s], which reduces the gain at low speed. Assumed value (range 0-1)."""
     yaw_damping_s: NonNegative = 0.54
-    """Damping k_d: steering angle per yaw-rate error in forward travel [s]. Assumed value (range 0.2-0.8): steering-lag
-    time."""
+    """Damping k_d: steering angle divided by the yaw-rate error in forward travel [s]. Assumed value (range 0.2-0.8),
+    equal to the steering lag."""
     reverse_heading_gain: Positive = 1.5
     """Gain h: steering angle per heading error in reverse [-]. Assumed value (range 1-2): critical damping at 1 m/s."""
     integral_per_m: Annotated[float, Field(ge=0, le=1)] = 0.083
-    """Integral gain k_i: steering angle per unexpected motion of the front axle in forward travel [rad/m]. Assumed
-    value (range 0-0.3)."""
+    """Integral gain k_i: steering angle divided by the unexpected motion of the front axle in forward travel [rad/m].
+    Assumed value (range 0-0.3)."""
     tunable: ClassVar = {
         "gain_per_s": (0.1, 2.0),
         "softening_m_s": (0.0, 1.0),

@@ -82,16 +82,16 @@ class Sums(NamedTuple):
     rest: complex = 0j  # Mean of `lever`, the antenna position, over `ROCKING_S` [m]
     rocking: float = 0.0  # Mean distance of the antenna from its mean position `rest` [m]
     swing: float = 0.0
-    """Angle of the drawn implement to the tractor [rad], from the path of the rear axle, or 0 if there is none."""
+    """Angle of a drawn implement to the tractor [rad], computed from the rear-axle path, or 0 without an implement."""
     hopping: float = 0.0
-    """Mean variation of the vertical specific force, divided by g [-], or 0 if the force is not measured."""
+    """Mean absolute deviation of the vertical specific force from g, divided by g [-], or 0 without measurement."""
     wheels: float = 0.0  # Smoothed wheel speed at the times of the fixes [m/s]
     fixes: float = 0.0  # Smoothed speed of the fixes [m/s]
     fix_t: float = 0.0  # Time of the last fix [s]
     tilt: SmoothedTilt = SmoothedTilt(0.0, 0.0)  # Smoothed roll and pitch
     compass: Compass = Compass()  # Antenna heading relative to `phi`, which replaces the gyro after a failure
     gyro_s: float = 0.0
-    """Accumulated time with gyro measurements [s], in which the gyro bias rotates the frame of the dead reckoning."""
+    """Accumulated time with gyro measurements [s], during which the gyro bias rotates the dead-reckoning frame."""
     turning: float = 0.0  # Accumulated variance of the frame angle theta while the gyro was missing [rad2]
     blind: bool = False  # Whether the gyro measurement was missing in the last tick
 
@@ -160,7 +160,7 @@ def summed(last: Held[Sums], m: Sensed, fix: Fix, vehicle: Vehicle, towed: Towed
 def _turn(
     s: Sums, m: Sensed, heading: float, gyro: float, w: float, vehicle: Vehicle, dt: float
 ) -> tuple[float, float]:
-    """Return the yaw rate [rad/s] from gyro, antennas or steering angle, and the added variance of theta [rad2].
+    """Return the yaw rate [rad/s] from gyro, antennas or steering angle, and the added frame-angle variance [rad2].
 
     `w` is the speed of the rear axle [m/s].
     """
@@ -176,7 +176,7 @@ def _turn(
 
 @jit
 def _speed(s: Sums, m: Sensed) -> float:
-    """Return the speed of the rear axle [m/s]: wheel speed, reduced during wheel spin; if not measured, fix speed."""
+    """Return the rear-axle speed [m/s]: the wheel speed (reduced during wheel spin) or, if missing, the fix speed."""
     if not isfinite(m.wheel_speed):
         return copysign(s.fixes, m.pedal)
     return m.wheel_speed * s.fixes / (SLIPPING * s.wheels) if s.fixes < SLIPPING * s.wheels else m.wheel_speed

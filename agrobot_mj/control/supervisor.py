@@ -37,7 +37,7 @@ MIN_STEERING_RATE = radians(4.0)
 MIN_PEDAL_RATE = 0.15
 """Minimum rate of a pedal that moves towards its command [1/s]. Assumed value."""
 STEERING_RATE_S = 0.5
-"""Time constant for smoothing the measured steering rate [s]. Assumed value: noise of 0.3 deg then causes 0.6 deg/s."""
+"""Time constant for smoothing the measured steering rate [s]. Assumed value: 0.3 deg of noise then cause 0.6 deg/s."""
 SLOWING_M_S2 = 0.5  # Deceleration of the tractor after a decrease of the speed command [m/s2]. Assumed value.
 SPEED_LAG_S = 0.8
 """Delay of the tractor speed after a lower speed command [s]. Assumed value (range 0.5-1) for pedal, pump and speed
@@ -85,12 +85,12 @@ class Supervisor(SupervisorLimits):
     """Axis of the gyro assumed in dead reckoning: `vertical`, or `body` for an axis fixed to the tractor."""
     coasting_after_s: Positive = 0.6
     """Maximum time since the newest fix before the tractor coasts with a constant pedal position [s]. Assumed value
-    (0.3-1): a few missing fixes."""
+    (0.3-1): the duration of a few missing fixes."""
     aligning_speed_m_s: Positive = 0.8
     """Speed while the heading is unknown and the tractor follows the path curvature [m/s]. Assumed value (range
     0.5-1.5)."""
     stopping_pedal_rate_per_s: Positive = 0.5
-    """Rate at which the pedal returns to neutral [1/s]. Assumed value (range 0.1-1); from 1.2 m/s this takes 0.5 s."""
+    """Rate of the pedal's return to neutral [1/s]. Assumed value (range 0.1-1): a return at 1.2 m/s takes 0.5 s."""
     settle_s: NonNegative = 1.5
     """Time at rest before the run ends with the outcome `stopped` [s]. Assumed value (range 1-3)."""
 
@@ -184,7 +184,7 @@ class Supervisor(SupervisorLimits):
         )
 
     def report(self, state: SupervisorState) -> Sequence[float]:
-        """Return the values of the log columns for a state."""
+        """Return the values of the log columns for a state of the supervisor."""
         return (float(state.mode), state.shown[0]) if self.enabled else ()
 
 
@@ -204,8 +204,8 @@ def _watched(
 ) -> tuple[Held[MonitorSignals], tuple[float, float, float], Vector, int, float, bool]:  # fmt: skip
     """Return the monitor signals after a tick, `SupervisorState.shown`, and the weighted times above the limits [s].
 
-    The other results are the index of the first monitor that requires a stop (or -1), the signal of this monitor, and
-    whether a monitor cuts the power of the pedal valve.
+    Also return the index of the first monitor that requires a stop (or -1), the signal of this monitor, and whether a
+    monitor cuts the power of the pedal valve.
     """
     most, e = fetched(most), fetched(estimate)
     w = _observed(most, fetched(w), nearest, e, m, fix, quality, steer, wanted, dt)

@@ -4,7 +4,7 @@ Inputs: x1, x2 (the yaw-rate error [rad/s] and its derivative [rad/s2]) and the 
 tau_n [rad]; the steering angle is tau_c - tau_n. The equations are in `t2fnn_laws`; the state defines the array sizes.
 
 Six guards handle singularities of the learning laws in the paper. Comments mark the lines of the guards:
-1. centres start around the first input, so that every set contains it (otherwise the network stays inactive, because
+1. centres start around the first input value, so that every set contains it (else the network stays inactive, because
 equations `16` and `16ek` keep x - c constant);
 2. denominators have a minimum magnitude and keep their sign (paper);
 3. width updates respect limits and order and keep the input inside each set: a large Euler step cannot overshoot;
@@ -36,7 +36,7 @@ class T2Fnn(Spec):
     """Type-2 fuzzy neural network with its learning laws. The paper states only the values of `delta_s` and `floor`."""
 
     alpha: Positive = 0.02
-    """Learning rate [rad/s], with a lower bound from Theorem 1. Assumed value, tuned; 0.02 with `gains = "paper"`."""
+    """Learning rate [rad/s], bounded below by Theorem 1. Assumed value from tuning; 0.02 with `gains = "paper"`."""
     delta_s: Positive = 0.05
     """Smoothing width of the sign function [rad]. Paper."""
     rules_1: int = Field(3, ge=1, le=50)
@@ -44,10 +44,10 @@ class T2Fnn(Spec):
     rules_2: int = Field(3, ge=1, le=50)
     """Number of fuzzy sets of the second input [-]. Assumed value (range 2-9)."""
     spread_1: Positive = 0.5
-    """Maximum initial distance of the set centres from the first input x1 [unit of x1]. Assumed value (range 0.1-1):
+    """Maximum initial distance of the set centres from the first value of x1 [unit of x1]. Assumed value (range 0.1-1):
     the yaw-rate error of a turn in the wrong direction."""
     spread_2: Positive = 0.5
-    """Maximum initial distance of the set centres from the first input x2 [unit of x2]. Assumed value (range 0.1-1)."""
+    """Maximum initial distance of set centres from the first value of x2 [unit of x2]. Assumed value (range 0.1-1)."""
     width_lower_1: Positive = 0.6
     """Initial width of the lower sets of input x1 [unit of x1]. Assumed value, above the spread."""
     width_upper_1: Positive = 0.9
@@ -61,7 +61,7 @@ class T2Fnn(Spec):
     d_max: Positive = 100.0
     """Maximum width of a fuzzy set [unit of the input]. Assumed value, at which a set contains all inputs."""
     f_init: Positive = 0.01
-    """Magnitude of initial rule consequents [rad]. Assumed value; 0 would move q to its limit in one step (guard 4)."""
+    """Magnitude of the initial rule consequents [rad]. Assumed value; 0 would move q to its limit at once (guard 4)."""
     q_init: Fraction = 0.5
     """Initial weight q of the lower firing strengths [-]. Assumed value: the middle of [0, 1]."""
     centres: Literal["follow", "fixed"] = "follow"
@@ -92,7 +92,7 @@ class T2Fnn(Spec):
         return self
 
     def init(self, x1: float, x2: float) -> T2FnnState:
-        """Return the initial state, with set centres around the first inputs x1 and x2 (guard 1)."""
+        """Return the initial state, with fuzzy sets centred around the first values of x1 and x2 (guard 1)."""
         x1, x2 = self._bounded(x1), self._bounded(x2)
         c1 = x1 + _offsets(self.rules_1, self.spread_1)
         c2 = x2 + _offsets(self.rules_2, self.spread_2)
@@ -125,7 +125,7 @@ class T2Fnn(Spec):
         return fetched(network).state, tau_n
 
     def start(self, x1: float, x2: float) -> Held[Network]:
-        """Return the initial network for `tick`, with set centres around the first inputs x1 and x2."""
+        """Return the initial network for `tick`, with fuzzy sets centred around the first values of x1 and x2."""
         return held(Network(self.init(x1, x2), self._learning))
 
     @property
@@ -187,7 +187,7 @@ def _plain(s: T2FnnState, x1: float, x2: float) -> T2FnnState:
 
 
 def _offsets(n: int, spread: float) -> Array:
-    """Return the offsets of `n` centres from the first input: evenly spaced within the spread, shifted by 1/4 step.
+    """Return offsets of `n` centres from the first input value, evenly spaced in the spread and shifted by 1/4 step.
 
     A centre equal to the input would violate Theorem 1: its membership remains 1 while the other memberships are
     scaled, so that the normalised firing changes.

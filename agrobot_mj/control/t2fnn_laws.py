@@ -1,7 +1,7 @@
 """Compiled equations of the type-2 fuzzy neural network: inference, learning laws and their time step.
 
 All functions are pure. Centres and widths have shape (I,) for x1 and (J,) for x2, in the unit of x; firing strengths W
-and consequents f [rad] have shape (I, J). Source: the paper, section IV. Guards 2, 3 and 5 of `t2fnn` are here.
+and consequents f [rad] have shape (I, J). Source: the paper, section IV. Guards 2, 3 and 5 of `t2fnn` are applied.
 """
 
 from typing import NamedTuple
@@ -205,7 +205,7 @@ def update_widths(
 
 @jit
 def move_centres(s: T2FnnState, last: tuple[float, float], x1: float, x2: float, follow: bool) -> T2FnnState:
-    """Return the network after moving the set centres by the change of the inputs since `last`, if `follow`."""
+    """Return the network; if `follow`, the set centres have moved by the change of the inputs since `last`."""
     c1, c2 = s.c1, s.c2
     if follow:
         c1 = c1 + (x1 - last[0])  # [agrobots: 16]
@@ -215,7 +215,7 @@ def move_centres(s: T2FnnState, last: tuple[float, float], x1: float, x2: float,
 
 @jit
 def apply_rates(s: T2FnnState, x1: float, x2: float, rates: Rates, dt: float, learning: Learning) -> T2FnnState:
-    """Return the network after widths, consequents f and weight q change at `rates` for `dt` [s], within the guards."""
+    """Return the network after `dt` [s] at the given rates of widths, consequents f and weight q, within the guards."""
     d1_lower, d1_upper, d2_lower, d2_upper = s.d1_lower, s.d1_upper, s.d2_lower, s.d2_upper
     if learning.adapt_widths:
         change, upper_change = dt * rates.d1_lower, dt * rates.d1_upper
@@ -234,7 +234,7 @@ def apply_rates(s: T2FnnState, x1: float, x2: float, rates: Rates, dt: float, le
 def tick(
     network: Held[Network], x1: float, x2: float, tau_c: float, dt: float, learn: bool
 ) -> tuple[Held[Network], float, float, Vector]:
-    """Return the network after a tick of `dt` [s] and, before learning, the output tau_n [rad], q and log values."""
+    """Return the network after a tick of `dt` [s], and the output tau_n [rad], q and log values before learning."""
     s, learning = fetched(network)
     bound = learning.input_bound
     x1, x2, tau_c = min(max(x1, -bound), bound), min(max(x2, -bound), bound), min(max(tau_c, -bound), bound)

@@ -84,7 +84,7 @@ class StateEstimator(Reporting):
 
 
 class CompiledEstimator(StateEstimator):
-    """Base class of the compiled estimators, which return a reference to the estimate for other compiled functions."""
+    """Base class of the compiled estimators, which pass a reference to the estimate to other compiled functions."""
 
     def update(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Estimate]:
         """Return the new state and the estimate at the end of a tick of `dt` [s], from the measurement in this tick."""

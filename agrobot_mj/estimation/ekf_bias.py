@@ -13,8 +13,8 @@ in `ekf` (speed u, steering angle delta, measured position z):
   chi' = u tan(delta - b) / L,    x' = u cos(chi),  y' = u sin(chi),    random walk of b and g,    z = (x, y) + s g
 
 The bias is the measured steering angle minus the angle for the path curvature: an error of the potentiometer, or the
-difference of front and rear slip angles on a side slope. The bias is observable while the tractor moves. With b = 0 and
-without a correlated part, the filter equals the filter of `ekf`.
+difference of the front and rear slip angles on a side slope. The bias is observable while the tractor moves. With b = 0
+and without a correlated part, the filter equals the filter of `ekf`.
 """
 
 from math import cos, exp, radians, sin, sqrt, tan

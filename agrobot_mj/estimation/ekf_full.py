@@ -1,4 +1,4 @@
-"""Estimator for guidance: one EKF of pose, motion and slow errors, with GNSS, gyro, wheel speed and steering angle.
+"""Guidance estimator: EKF of pose, motion and slowly varying errors from GNSS, gyro, wheel speed and steering angle.
 
 `full_model` defines the states and measurements, `full_filter` one tick with gates and alignment, and `horizon` the use
 of delayed fixes. The initial heading is ignored: the yaw is determined after one or two metres of motion, as reported
@@ -74,7 +74,7 @@ class EkfFull(CompiledEstimator):
     """Mean pitch on level ground [deg], positive nose down, used without terrain compensation. Assumed value: the rear
     is lower by 0.05 deg (firm ground), 0.15 deg (ruts) or 0.9 deg (carried implement)."""
     pitch_sigma_deg: NonNegative = 0.3
-    """Standard deviation of the error of `pitch_deg` or the measured pitch [deg]. Assumed value, as for `pitch_deg`."""
+    """Standard deviation of the error of `pitch_deg` or of measured pitch [deg]. Assumed value, as for `pitch_deg`."""
     pitch_walk_deg_rt_s: NonNegative = 0.015
     """Random walk of the pitch error [deg/sqrt(s)]. Assumed value for changes of 0.1 deg in a bend with ruts."""
     gnss_sigma_m: Positive = 0.02
@@ -92,7 +92,7 @@ class EkfFull(CompiledEstimator):
     gnss_velocity_sigma_m_s: Positive = 0.03
     """Standard deviation of the GNSS velocity per axis in the filter [m/s]. Assumed value, as in the receiver model."""
     heading_sigma_deg: Positive = 0.25
-    """Standard deviation of the two-antenna heading [deg]. Assumed value for 4 mm at an antenna distance of 1 m."""
+    """Standard deviation of the two-antenna heading [deg]. Assumed value for errors of 4 mm with antennas 1 m apart."""
     gyro_sigma_deg_s: Positive = 0.1
     """Standard deviation of the gyro noise in the filter [deg/s]. Assumed value, as in the sensor model."""
     wheel_sigma_m_s: Positive = 0.02
@@ -134,8 +134,8 @@ class EkfFull(CompiledEstimator):
     Assumed value for slip that is not proportional to the slope."""
     unseen_slip_walk_rt_s: NonNegative = 0.008
     """Additional random walk of the relative wheel-speed error without fixes [1/sqrt(s)], used until fixes have
-    determined the slip variation. Assumed value: an implement of 600-1500 N enters or leaves tilled soil every 45 s.
-    Default: 0 without an implement in the soil or a drawbar pull."""
+    determined the slip variation. Assumed value: an implement with a pull of 600-1500 N enters or leaves tilled soil
+    every 45 s. Default: 0.008, or 0 if there is neither a lowered implement nor a drawbar pull."""
     slip_s2_m: NonNegative = 0.0175
     """Wheel slip on a climb, divided by the gravity component along the ground [s2/m]. Assumed value for firm ground;
     soil causes higher values."""
@@ -153,7 +153,7 @@ class EkfFull(CompiledEstimator):
     initial_gyro_bias_sigma_deg_s: Positive = 0.5
     """Initial standard deviation of the gyro bias [deg/s]. Assumed value (range 0.1-1) for a cold MEMS unit."""
     initial_sideslip_sigma_deg: Positive = 2.0
-    """Standard deviation of unmodelled sideslip [deg] at the first two-antenna heading. Assumed value for slopes."""
+    """Standard deviation of unmodelled sideslip [deg] at the first two-antenna heading. Assumed value on slopes."""
     initial_steer_bias_sigma_deg: Positive = 1.0
     """Initial standard deviation of the steering bias [deg]. Assumed value: the resolution of the potentiometer."""
     initial_wheel_scale_sigma: Positive = 0.05

@@ -23,7 +23,7 @@ def prior(P: Array, F: Array, Q: Array) -> Matrix:
 
 @jit
 def posterior(x: Array, P: Array, H: Array, y: Array, R: Array) -> tuple[Vector, Matrix, float]:
-    """Return mean, covariance and NIS [-] after a correction by the innovation `y` (m,).
+    """Return the mean, covariance and NIS [-] after a correction by the innovation `y` (m,).
 
     H (m, n) is the Jacobian of the measurement and R (m, m) its noise covariance. NIS is the normalised innovation
     squared. Raise `LinAlgError` if the innovation covariance is singular.
@@ -40,7 +40,7 @@ def posterior(x: Array, P: Array, H: Array, y: Array, R: Array) -> tuple[Vector,
 
 @jit
 def tick(x: Array, P: Array, F: Array, Q: Array, y: Array, H: Array, R: Array) -> tuple[Vector, Matrix, float]:
-    """Predict P, then correct P and the predicted mean `x` by a measurement; return mean, covariance and NIS [-]."""
+    """Predict the covariance P, then correct P and the predicted mean `x`. Return mean, covariance and NIS [-]."""
     return posterior(x, prior(P, F, Q), H, y, R)
 
 
@@ -56,7 +56,7 @@ def applied(A: Array, x: Array) -> Vector:
 
 @jit
 def times(A: Array, B: Array) -> Matrix:
-    """Return the matrix product A B; fastest if A contains zeros and the rows of B are contiguous in memory."""
+    """Return the matrix product A B, which is fastest if A contains zeros and the rows of B are contiguous."""
     C = np.zeros((A.shape[0], B.shape[1]))
     for i in range(A.shape[0]):
         for k in range(A.shape[1]):

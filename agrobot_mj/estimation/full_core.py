@@ -112,7 +112,7 @@ class Core(NamedTuple):
 
 @jit
 def alone(covariance: Matrix, index: int, sigma: float) -> Matrix:
-    """Return the covariance after decorrelating the state `index` and setting its standard deviation to `sigma`."""
+    """Return the covariance with the state `index` uncorrelated and its standard deviation set to `sigma`."""
     P = covariance.copy()
     for other in range(P.shape[0]):
         P[index, other] = P[other, index] = 0.0
@@ -122,7 +122,7 @@ def alone(covariance: Matrix, index: int, sigma: float) -> Matrix:
 
 @jit
 def forget_correlated(mean: Vector, covariance: Matrix) -> tuple[Vector, Matrix]:
-    """Return mean and covariance with the correlated fix error reset to its stationary distribution."""
+    """Return the mean and covariance with the correlated fix error reset to its stationary distribution."""
     mean = mean.copy()
     mean[G_E] = mean[G_N] = 0.0
     return mean, alone(alone(covariance, G_E, 1.0), G_N, 1.0)
@@ -130,7 +130,7 @@ def forget_correlated(mean: Vector, covariance: Matrix) -> tuple[Vector, Matrix]
 
 @jit
 def at_fix(mean: Vector, covariance: Matrix, fix: Fix, noise: FixNoise) -> tuple[Vector, Matrix]:
-    """Return mean and covariance after setting the position to the fix, with the position error `noise`."""
+    """Return the mean and covariance after setting the position to the fix, with the position error `noise`."""
     mean, P = forget_correlated(mean, covariance)
     sigma = sqrt(noise.correlated * noise.correlated + noise.white * noise.white)
     mean[X], mean[Y] = fix.x, fix.y

@@ -76,7 +76,7 @@ from agrobot_mj.machine.tractor import GRAVITY
 ALIGNMENT_SIGMA = radians(0.3)
 """Standard deviation of the yaw at which the yaw search ends [rad]. Assumed value, reached after 1.4 m at 1.2 m/s."""
 ALIGNED_SIGMA = radians(1.0)
-"""Standard deviation of the yaw after the search [rad]. Assumed value for search error and 2 s of gyro drift."""
+"""Standard deviation of the yaw after the yaw search [rad]. Assumed value for search errors and 2 s of gyro drift."""
 UNALIGNED_SIGMA = radians(104.0)  # Standard deviation of an unknown yaw: uniform over the circle [rad]
 SEARCH_SPEED = 0.1
 """Minimum wheel speed at which fix velocities determine the yaw [m/s]. Assumed value: 3 times the velocity noise."""
@@ -89,7 +89,7 @@ BEND_S = 0.6
 """Time constant of the low-pass filter of the curvature [s]. Assumed value: the response time of the tyres, which is
 long enough to filter steering-angle noise of 1 deg."""
 STANDING_SPEED, STANDING_TICKS = 0.05, 10
-"""Maximum wheel speed [m/s] and minimum duration [ticks] of a standstill. Assumed values: speed noise, and 0.5 s."""
+"""Maximum wheel speed [m/s] and minimum duration [ticks] of a standstill. Assumed values: the speed noise and 0.5 s."""
 SWAY, SWAY_S = 0.15, 5.0
 """Relative error of changes in modelled sideslip [-], and twice its correlation time [s]. Assumed values for ruts."""
 STEADY_S = 20.0
@@ -201,7 +201,7 @@ def _lever(f: FullFilter, core: Core, inputs: Inputs, mean: Vector, dt: float) -
 def _with_fix(
     f: FullFilter, core: Core, inputs: Inputs, fix: Fix, sway: float, dt: float
 ) -> tuple[Core, float, FixRows, Used]:
-    """Apply the gates to a fix. Return filter state, wheel speed (NaN if rejected), measurements and their use."""
+    """Apply the gates to a fix. Return state, wheel speed (NaN if rejected), measurements, and which are used."""
     mean, P, search, r, variation = core.mean, core.covariance, core.search, core.rejections, core.sway
     noise, side, t = f.noises[core.seen.quality], SideLoad(side_of(inputs), core.smooth.bend), core.seen.t
     gap = min(inputs.t - t, LONGEST_GAP_S) if t >= 0.0 else dt
@@ -232,7 +232,7 @@ def _with_fix(
 
 @jit
 def _checked_wheels(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, side: SideLoad) -> tuple[Seen, float]:
-    """Return time, quality and speed of the fix, and the wheel speed, which is NaN if the wheels spin or slide.
+    """Return the time, quality and speed of the fix, and the wheel speed, which is NaN if the wheels spin or slide.
 
     Wheels spin or slide if their speed differs from a fix speed that has not jumped.
     """
@@ -273,7 +273,7 @@ def _rows(f: FullFilter, core: Core, fix: Fix, gap: float, sway: float, side: Si
 
 @jit
 def _gated_position(gates: Gates, rows: FixRows, r: Rejections, t: float) -> tuple[bool, bool, Rejections]:
-    """Return whether the position of a fix passes its gate, whether to restart the position, and the fix counts."""
+    """Return whether the position of a fix passes its gate, whether the position restarts, and the new `Rejections`."""
     y = rows.innovation
     if rows.position_nis < gates.nis or sqrt(y[0] * y[0] + y[1] * y[1]) < gates.position:
         return True, False, accepted(r, t)
@@ -289,7 +289,7 @@ def _gated_position(gates: Gates, rows: FixRows, r: Rejections, t: float) -> tup
 
 @jit
 def _gated_velocity(gates: Gates, rows: FixRows, r: Rejections) -> tuple[bool, bool, Rejections]:
-    """Return whether the velocity of a fix passes its gate, whether to restart the yaw search, and the fix counts."""
+    """Return whether the fix velocity passes its gate, whether the yaw search restarts, and the new `Rejections`."""
     y, t = rows.innovation, r.accepted_t
     if rows.velocity_nis < gates.nis or sqrt(y[2] * y[2] + y[3] * y[3]) < gates.velocity:
         return True, False, Rejections(t, r.probation, r.position, 0, r.positions, r.velocities, r.restarts)
@@ -313,7 +313,7 @@ def _is_probable(gates: Gates, P: Matrix, rows: FixRows) -> bool:
 def _searched(
     f: FullFilter, mean: Vector, P: Matrix, search: Search, wheel: float, fix: Fix, side: SideLoad
 ) -> tuple[Vector, Matrix, Search]:
-    """Return mean, covariance and state of the yaw search after a fix with GNSS velocity or two-antenna heading."""
+    """Return the mean, covariance and state of the yaw search after a fix with GNSS velocity or two-antenna heading."""
     if isfinite(fix.heading):
         innovation = wrap(fix.heading - (mean[PSI] + mean[MOUNT]))
         mean, P = turned(mean, P, innovation, f.levels.heading_sigma)

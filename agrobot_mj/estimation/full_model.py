@@ -96,8 +96,8 @@ class SideLoad(NamedTuple):
 
 LEAST_LOAD = 0.1  # Minimum load of the rear axle on a slope, divided by its load on level ground [-]. Assumed value.
 SOFTENING = 1.1
-"""Coefficient of (side force / weight)^2 in the rear-tyre compliance [-]. Assumed value. Tyres of kind `magic_formula`
-have 1.0 on a slope of 12 deg, 1.2 at 20 deg and 1.4 at 25 deg."""
+"""Coefficient of (side force / weight)^2 in the rear-tyre compliance [-]. Assumed value. For tyres of kind
+`magic_formula` the coefficient is 1.0 on a slope of 12 deg, 1.2 at 20 deg and 1.4 at 25 deg."""
 SLOW = 0.3
 """Speed [m/s] at which the effect of the curvature on the sideslip is halved; at standstill the effect is zero. Assumed
 value: ten times the speed uncertainty."""
@@ -111,7 +111,7 @@ def sideslip(mean: Vector, v: float, side: SideLoad) -> float:
 
 @jit
 def modelled_crab(mean: Vector, v: float, side: SideLoad) -> float:
-    """Return the crab angle [rad], positive to the right, modelled from side force and bend at a speed `v` [m/s]."""
+    """Return the crab angle [rad], positive to the right, modelled from side force and curvature at `v` [m/s]."""
     return float(mean[C] * _stretched(v, side)[0] + mean[D] * side.bend * _moving(v)[0])
 
 
@@ -188,7 +188,7 @@ def transition(mean: Vector, side: SideLoad, dt: float, decay: float) -> Matrix:
 def predict(
     mean: Vector, P: Matrix, Q: Matrix, side: SideLoad, density: float, dt: float, decay: float, known: bool
 ) -> tuple[Vector, Matrix]:
-    """Return predicted mean and covariance after `dt` [s]; the process noise `Q` (n, n) is modified in place.
+    """Return the predicted mean and covariance after `dt` [s]; the process noise `Q` (n, n) is modified in place.
 
     The course has white noise of the given `density` [rad2 s]. The position changes only if the yaw is `known`.
     """
@@ -241,13 +241,13 @@ def braking(pitch: float, v: float, side: SideLoad, levels: FullLevels) -> float
 
 @jit
 def wheel_scale(mean: Vector, pitch: float, braked: float) -> float:
-    """Return wheel speed divided by horizontal rear-axle speed [-], from scale error, wheel slip and pitch."""
+    """Return the wheel speed divided by the horizontal speed of the rear axle [-], from scale error, slip and pitch."""
     return float((1.0 + mean[K] - mean[S] * braked) / cos(pitch))
 
 
 @jit
 def with_sideslip(mean: Vector, covariance: Matrix, sigma: float) -> tuple[Vector, Matrix]:
-    """Return mean (16,) and covariance with two added states: unmodelled sideslip and mounting error, both zero.
+    """Return the mean (16,) and covariance with two added states: unmodelled sideslip and mounting error, both zero.
 
     The standard deviation of the unmodelled sideslip is `sigma` [rad].
     """

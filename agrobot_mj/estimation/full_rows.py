@@ -157,7 +157,7 @@ def _squared_innovation(a: int, y: Vector, H: Matrix, R: Vector, P: Matrix) -> f
 def corrected(
     mean: Vector, P: Matrix, motion: MotionReadings, noise: MotionNoise, fix: FixRows, used: tuple[bool, bool, bool]
 ) -> tuple[Vector, Matrix]:
-    """Return mean and covariance after a joint correction by the motion measurements and the fix.
+    """Return the mean and covariance after a joint correction by the motion measurements and the fix.
 
     `used` selects position, velocity and heading of the fix. The wheel scale is limited to SCALE_LIMIT.
     """

@@ -1,4 +1,4 @@
-"""Use of delayed fixes at the time of their measurement: filter state at the newest fix, extended by dead reckoning.
+"""Use of delayed fixes at their measurement time: dead reckoning extends the filter state at the newest fix.
 
 Measurements newer than this state are queued. A fix corrects the core (the filter state) at the time of the fix, and
 integration of the queued gyro and wheel measurements gives the current pose. Without latency the queue is empty. A fix
@@ -177,7 +177,7 @@ def _inputs(queue: Matrix, k: int) -> Inputs:
 
 @jit
 def present(core: Core, levels: FullLevels, waiting: Matrix, last: Inputs, dt: float) -> Present:
-    """Return the current estimate by dead reckoning over the queue; `last` gives the current side force."""
+    """Return the current estimate by dead reckoning over the queue; the side force is computed from `last`."""
     mean, bend, ticks = core.mean, core.smooth.bend, waiting.shape[0]
     x, y, psi, v, omega = mean[X], mean[Y], mean[PSI], mean[V], mean[OMEGA]
     gain_v = steady_gain(levels.walks[3], levels.wheel_sigma, dt)
@@ -209,7 +209,7 @@ def _of_pose(covariance: Matrix) -> Matrix:
 
 @jit
 def _extrapolated(core: Core, levels: FullLevels, moved: tuple[float, float], last: Inputs, time: float) -> Matrix:
-    """Return the covariance of x, y and heading after dead reckoning over `moved` [m] in `time` [s], shape (3, 3)."""
+    """Return the covariance of x, y and heading, shape (3, 3), after dead reckoning over `moved` [m] and `time` [s]."""
     east, north = moved
     side = SideLoad(side_of(last), core.smooth.bend)
     slopes, braked = course_slopes(core.mean, side), braking(last.pitch, core.mean[V], side, levels)

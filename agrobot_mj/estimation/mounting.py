@@ -23,7 +23,8 @@ WINDOW_S = 5.0
 LATE_S = 1.5  # Averaging time that suppresses the oscillation of the antenna on rough ground [s]. Assumed value.
 STEADY, SPREAD = 0.12, radians(3.0)
 """Maximum standard deviation of the unmodelled sideslip averaged over `LATE_S`: relative to its mean over `WINDOW_S`
-[-], and absolute [rad]. Assumed values: rough ground causes 1-2 deg; a repeated heading in a bend, 0.18 of the mean."""
+[-], and absolute [rad]. Assumed values: rough ground causes 1-2 deg, and a repeated heading in a bend causes 0.18 of
+the mean."""
 MOST = radians(30.0)  # Maximum mounting error [rad]. Assumed value: three times `MOUNT_SIGMA`.
 MOUNT_SIGMA = radians(10.0)
 """Initial standard deviation of the mounting error [rad]. Assumed value for antennas aligned by eye."""
@@ -51,13 +52,13 @@ def with_crab(core: Core, fix: Fix, side: SideLoad, dt: float) -> Crab:
 
 @jit
 def implausible(crab: Crab, bend: float) -> bool:
-    """Return whether the mean unmodelled sideslip exceeds its maximum on any ground at the curvature `bend` [1/m]."""
+    """Return whether the mean unmodelled sideslip is too large for any ground at the curvature `bend` [1/m]."""
     return abs(crab.mean) > CRAB + TURN_OFFSET * abs(bend)
 
 
 @jit
 def with_mounting(mean: Vector, covariance: Matrix, crab: Crab, bend: float) -> tuple[Vector, Matrix, Crab]:
-    """Return mean, covariance and sideslip; implausible, steady unmodelled sideslip becomes the mounting error."""
+    """Return the mean, covariance and sideslip; implausible, steady unmodelled sideslip becomes the mounting error."""
     if crab.time < WINDOW_S or not implausible(crab, bend):
         return mean, covariance, crab
     spread = min(STEADY * abs(crab.mean), SPREAD)

@@ -32,7 +32,7 @@ FIXED = Quality.FIX  # Quality of an RTK-fixed position, as a number for kernels
 
 
 class PoseSettings(NamedTuple):
-    """Parameters of a `PoseEstimator` as numbers for compiled kernels; fields without a comment are scenario keys."""
+    """Parameters of a `PoseEstimator` as numbers for compiled kernels; fields without a comment are scenario values."""
 
     cg: tuple[float, float, float]  # Position of the CG relative to the rear-axle point R: ahead, left and up [m]
     antenna: tuple[float, float, float]  # Position of the antenna relative to the rear-axle point R in vehicle axes [m]
@@ -105,7 +105,7 @@ def prepared(
 ) -> Prepared:
     """Update the velocity filter and return the inputs of the pose filter.
 
-    `bias` is the steering bias [rad]; a missing fix is NaN.
+    `bias` is the steering bias [rad]. The fix is NaN if missing.
     """
     now, noise = measured(s, state, m, fix, quality, bias, dt)
     motion, P = velocity_step(s.velocity_walk, now.motion, now.motion_covariance, now.fix, noise, dt)

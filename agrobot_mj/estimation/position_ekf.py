@@ -41,7 +41,7 @@ class FixEkf(Filter):
     def step(
         self, mean: Vector, covariance: Array, inputs: Inputs, fix: Fix | None, sigma: float
     ) -> tuple[Array, Array, float]:
-        """Return mean (n,), covariance (n, n) and NIS after a tick, corrected by the fix at its end.
+        """Return the mean (n,), covariance (n, n) and NIS after a tick, corrected by the fix at its end.
 
         The NIS is the normalised innovation squared of the position, or NaN without a fix.
         """

@@ -12,14 +12,14 @@ from typing import NamedTuple
 from agrobot_mj.core.kernels import kernel_method, shared
 
 LOW_PASS_S = 4.0
-"""Time constant of the low-pass filter [s]. Assumed value: it suppresses the sideways motion over bumps, which lasts
-less than 2 s, but not longer displacements, which the filter would interpret as a heading error."""
+"""Time constant of the low-pass filter [s]. Assumed value: the filter suppresses sideways motion over bumps, which
+lasts less than 2 s. Longer displacements cause heading errors of the estimate and are not suppressed."""
 MEMORY_S = 60.0
 """Averaging time of the random course variation [s]. Assumed value: the time of 8 independent filtered innovations."""
 
 
 class SidewaysNoise(NamedTuple):
-    """State of the estimated random variation of the course."""
+    """State of the estimator of the random course variation."""
 
     residual: float = 0.0  # Low-pass filtered cross-course innovation, divided by the speed [rad]
     excess: float = 0.0  # Mean square of the filtered innovation minus its value for white noise [rad2]

@@ -30,7 +30,7 @@ class PoseUkf(PoseEkf):
     def step(
         self, mean: Array, covariance: Array, inputs: tuple[float, float, float], fix: Fix | None, sigma: float
     ) -> tuple[Array, Array, float]:
-        """Return mean (3,), covariance (3, 3) and normalised innovation squared (NIS); see `FixEkf.step`."""
+        """Return the mean (3,), covariance (3, 3) and normalised innovation squared (NIS); see `FixEkf.step`."""
         from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
         speed, steer, dt = inputs
@@ -60,7 +60,7 @@ class Ukf(PoseEstimator):
     0.1-1)."""
 
     def pose_filter(self, tractor: TractorParameters) -> PoseUkf:
-        """Return the unscented pose filter. Raises `ScenarioError` if filterpy is not installed."""
+        """Return the unscented pose filter. Raise `ScenarioError` if filterpy is not installed."""
         required("filterpy", "filters", 'estimator.kind = "ukf"')
         walks = self.position_walk_m_rt_s, radians(self.yaw_walk_deg_rt_s)
         return PoseUkf(tractor.wheelbase_m, *walks, self.sigma_point_spread)

@@ -36,7 +36,7 @@ def process_noise(velocity_walk: float, dt: float) -> Matrix:
 
 @jit
 def turned(mean: Vector, covariance: Matrix, angle: float) -> tuple[Vector, Matrix]:
-    """Return mean (4,) and covariance (4, 4) with the velocity rotated to the left by `angle` [rad]."""
+    """Return the mean (4,) and covariance (4, 4) with the velocity rotated to the left by `angle` [rad]."""
     M = np.eye(4)
     M[1, 1] = M[3, 3] = cos(angle)
     M[3, 1], M[1, 3] = sin(angle), -sin(angle)
@@ -54,7 +54,7 @@ def predicted(mean: Vector, fix: Fix, dt: float) -> tuple[Vector, Vector]:
 def velocity_step(
     velocity_walk: float, mean: Vector, covariance: Matrix, fix: Fix, noise: Matrix, dt: float
 ) -> tuple[Vector, Matrix]:
-    """Return mean (4,) and covariance (4, 4) after `dt` [s], corrected by the fix at the end. A missing fix is NaN."""
+    """Return the mean (4,) and covariance (4, 4) after `dt` [s], corrected by the fix in this tick (NaN if missing)."""
     (x, y), Phi, Q = predicted(mean, fix, dt), transition(dt), process_noise(velocity_walk, dt)
     if isnan(fix.x):
         return x, prior(covariance, Phi, Q)
@@ -69,7 +69,7 @@ class VelocityKf(Filter):
         self.velocity_walk = velocity_walk
 
     def step(self, mean: Vector, covariance: Array, fix: Fix | None, noise: Array, dt: float) -> tuple[Array, Array]:
-        """Return mean (4,) and covariance (4, 4) after `dt` [s], corrected by the fix at the end.
+        """Return the mean (4,) and covariance (4, 4) after `dt` [s], corrected by the fix in this tick.
 
         `noise` (4, 4) is the covariance of the fix (x, vx, y, vy).
         """

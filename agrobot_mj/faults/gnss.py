@@ -1,4 +1,4 @@
-"""Faults of the GNSS solution, which is then missing, float, without corrections, offset, repeated or delayed.
+"""Faults of the GNSS solution: missing, float, uncorrected, shifted, repeated and delayed solutions.
 
 Sizes and durations with the source [Jones2026] were measured in the logs of docs/extensions/logs/real_machine.md.
 """
@@ -19,7 +19,7 @@ Interval = Annotated[float, Field(ge=TICK_S, le=HUGE)]  # Time interval of at le
 
 
 def shifted(conditions: Conditions, east: float, north: float) -> Conditions:
-    """Return the conditions with a position offset [m] to the east and north added to the GNSS solution."""
+    """Return the conditions after adding a position offset [m] to the east and north to the GNSS solution."""
     x, y = conditions.gnss_offset
     return conditions._replace(gnss_offset=(x + east, y + north))
 
@@ -61,7 +61,7 @@ class GnssDrift(Scripted):
     """Reported velocity: the true velocity (`sound`), or the velocity of the `drifting` position, as in spoofing."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Add the offset reached at the end of the tick to the position. The quality does not change."""
+        """Add the offset at the end of the tick to the position. The quality does not change."""
         time, east, north = t + dt - self.start_s, self.east_m_s, self.north_m_s
         if self.velocity == "drifting":
             vx, vy = conditions.gnss_velocity_offset
@@ -96,7 +96,7 @@ class GnssDgps(Scripted):
     kind: Literal["gnss_dgps"] = "gnss_dgps"
     wander_sigma_m: Annotated[float, Field(ge=0, le=100)] = 0.15
     """Standard deviation of the position drift per axis [m] in its steady state. Assumed value (range 0.02-0.4).
-    Measured drift: up to 0.59 at rest; typically 0.05 and at most 0.2 after 1.4 s in motion [Jones2026]."""
+    Measured drift: up to 0.59 m at rest; typically 0.05 m and at most 0.2 m after 1.4 s in motion [Jones2026]."""
     wander_time_s: Annotated[float, Field(gt=0, le=HUGE)] = 3.0
     """Correlation time of the position drift [s]. Assumed value (range 1-10)."""
 
@@ -149,7 +149,7 @@ class GnssFloat(Scripted):
     kind: Literal["gnss_float"] = "gnss_float"
     jump_sigma_m: Annotated[float, Field(ge=0, le=100)] = 0.15
     """Standard deviation of the offset per axis after each jump [m], in addition to the float error. Assumed value
-    (range 0.1-0.3, from several wavelengths of 0.19 m, distributed over the satellites)."""
+    (range 0.1-0.3, from errors of several wavelengths of 0.19 m, distributed over the satellites)."""
     jump_interval_s: Interval = 20.0
     """Mean time between jumps [s]. Assumed value (range 5-60)."""
     flicker_s: Interval | None = None

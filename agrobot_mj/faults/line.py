@@ -28,7 +28,7 @@ class LineFault(Scripted):
         "valve": "voltage of the steering valve",
         "pedal_valve": "voltage of the pedal valve",
     }
-    """Description of the signal on each line, shown in lists of faults."""
+    """Description of the signal on each line, displayed in lists of faults."""
 
     @property
     def line(self) -> str:
@@ -41,7 +41,7 @@ class LineFault(Scripted):
         return found
 
     def distorted(self, conditions: Conditions, **changes: Any) -> Conditions:
-        """Return the conditions after the `changes` to fields of the line's distortion."""
+        """Return the conditions with `changes` to the fields of the line's distortion."""
         changed: dict[str, Any] = {self.line: self.distortion(conditions)._replace(**changes)}
         return conditions._replace(**changed)
 
@@ -175,7 +175,7 @@ class GyroBias(Bias):
 class AttitudeBias(Bias):
     """Offset of the measured signal, caused by an accelerometer during warm-up or a displaced bracket.
 
-    With a ramp the offset of the roll or pitch increases over time, like a drift.
+    With a ramp the offset increases over time, like a drift.
     """
 
     kind: Literal["imu_roll_bias", "imu_pitch_bias"]
@@ -189,5 +189,5 @@ class HeadingBias(Bias):
 
     kind: Literal["heading_bias"] = "heading_bias"
     bias_deg: Annotated[float, Field(ge=-180, le=180)] = 10.0
-    """Offset of the heading [deg], positive to the left. Assumed value (range 5-180); 11 for one wavelength across the
-    baseline."""
+    """Offset of the heading [deg], positive to the left. Assumed value (range 5-180); one wavelength across the
+    baseline causes 11 deg."""

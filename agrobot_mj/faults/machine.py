@@ -1,4 +1,4 @@
-"""Faults and disturbances of machine and ground: valve wear, tyres, friction, payload, drawbar pull, side force."""
+"""Faults and disturbances of the machine and ground: valve wear, tyres, friction, payload, pull and side force."""
 
 from math import exp, log1p, sqrt
 from typing import Annotated, Literal
@@ -57,7 +57,7 @@ class Friction(Scripted):
 
 
 class SoftTyre(Scripted):
-    """Tyre with low pressure: larger deflection, lower cornering stiffness, higher rolling resistance.
+    """Tyre with low pressure: larger deflection, lower cornering stiffness and higher rolling resistance.
 
     The tyre kind `contact` has no carcass and is not affected.
     """
@@ -75,7 +75,7 @@ class SoftTyre(Scripted):
 
     @property
     def subject(self) -> str:
-        """Fault and affected wheel. Time windows for different wheels may overlap."""
+        """Fault kind and affected wheel. Time windows for different wheels may overlap."""
         return f"{self.kind} {self.wheel}"
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
@@ -97,7 +97,7 @@ class Payload(Scripted):
     """Mass of the payload [kg], negative for removed ballast. Assumed value (range 50-300 for a tank, -100 to 0 for
     front weights)."""
     ahead_m: Metres = -0.6
-    """Distance of the mass ahead of the rear axle [m]. Assumed value for the three-point hitch; 2.2 for a front
+    """Distance of the mass ahead of the rear axle [m]. Assumed value for the three-point hitch; 2.2 m for a front
     loader."""
     left_m: Metres = 0.0
     """Lateral offset of the mass [m], positive to the left."""
@@ -106,7 +106,7 @@ class Payload(Scripted):
 
     @property
     def subject(self) -> str:
-        """Fault and position of the payload. Time windows for different positions may overlap."""
+        """Fault kind and position of the payload. Time windows for different positions may overlap."""
         return f"{self.kind} at {self.ahead_m:g}, {self.left_m:g}, {self.up_m:g} m"
 
     @property
@@ -130,7 +130,7 @@ class Drawbar(Scripted):
 
     kind: Literal["drawbar"] = "drawbar"
     pull_n: Annotated[float, Field(ge=0, le=1e5)] = 1500.0
-    """Mean pull [N]. Assumed value (range 500-3000) for a light cultivator; tyre grip limits the pull to about 4000."""
+    """Mean pull [N]. Assumed value (range 500-3000) for a light cultivator; tyre grip limits the pull to 4000 N."""
     noise_share: Spread = 0.0
     """Standard deviation of the pull divided by its mean [-]. Default: 0. Assumed value (range 0.1-0.3 in soil)."""
     noise_time_s: Positive = 0.5
@@ -154,7 +154,7 @@ class SideForce(Scripted):
 
     kind: Literal["side_force"] = "side_force"
     force_n: Annotated[float, Field(ge=-1e5, le=1e5)] = 300.0
-    """Mean force to the left [N]. Assumed value for wind of 15 m/s on 2 m2; up to 1000 for side draught."""
+    """Mean force to the left [N]. Assumed value for wind of 15 m/s on 2 m2; up to 1000 N for side draught."""
     gust_share: Spread = 0.0
     """Standard deviation of the force divided by its mean [-]. Default: 0. Assumed value (range 0.2-0.5 for wind)."""
     gust_time_s: Positive = 2.0

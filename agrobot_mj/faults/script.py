@@ -37,7 +37,7 @@ class Script(NamedTuple):
 
 
 def clashes(faults: Sequence[Scripted]) -> list[str]:
-    """Return a message for each overlap of faults with the same subject; it starts with the key of the later fault."""
+    """Return messages about overlaps of faults with the same subject; each starts with the key of the later fault."""
     found = []
     earlier: dict[str, list[int]] = {}
     for k, fault in enumerate(faults):
