@@ -5,9 +5,9 @@ gain and a limit. Without power a spring returns the pedal to neutral. The pump 
 first-order lag. The output is the rim speed that corresponds to the oil flow.
 
 The MuJoCo plant adds the spring of the trapped oil and the differential; the bicycle plant uses the rim speed as
-vehicle speed. All numbers are assumed values for the two-pedal hydrostatic drive of a compact tractor. Default values
-of torque, stiffness, damping and brake are proportional to mass times wheel radius, so that tractors of the same shape
-climb and hold the same slope. The default power is proportional to mass.
+vehicle speed. All numbers are assumed values for the two-pedal hydrostatic drive of a compact tractor. The default
+torques, stiffness and damping are proportional to mass times wheel radius, so that tractors of the same shape climb and
+hold the same slope. The default power is proportional to mass.
 """
 
 from math import exp, isnan
@@ -25,7 +25,7 @@ TORQUE_N_M, POWER_KW, STIFFNESS_N_M_RAD, DAMPING_N_M_S_RAD = 3000.0, 14.0, 6.0e4
 """Maximum torque [N m], maximum power [kW], stiffness [N m/rad] and damping [N m s/rad] of the drive of the compact
 tractor. Assumed values: the torque makes the wheels slip on firm ground; the power is 75 % of an 18.6 kW engine."""
 BRAKING_M_S2 = 3.55
-"""Deceleration of the tractor by its brake [m/s2]: the minimum for service brakes up to 30 km/h in [EU2015]. With this
+"""Deceleration by the brake [m/s2]: the minimum that [EU2015] requires of service brakes up to 30 km/h. With this
 deceleration the brake holds the tractor on a slope of 21 deg (38 %); parking brakes must hold on a slope of 18 %."""
 
 
@@ -48,13 +48,13 @@ class Driveline(Spec):
     pump_time_constant_s: Positive = 0.30
     """Time constant with which the pump displacement follows the pedal [s]. Assumed value (range 0.2-0.5)."""
     torque_limit_n_m: Positive | None = None
-    """Sum of the torques of the driven wheels at which the relief valve opens [N m], when driving and braking. Default:
-    3000 for the compact tractor, which makes the wheels slip on firm ground; scaled with mass and rear wheel radius."""
+    """Sum of the driven wheels' torques at which the relief valve opens, in driving and braking [N m]. Default: 3000
+    for the compact tractor, which makes the wheels slip on firm ground; scaled with mass and rear wheel radius."""
     power_limit_kw: Positive | None = None
     """Maximum power at the wheels [kW]. Default: 14 for the compact tractor, scaled with the mass."""
     brake_torque_n_m: NonNegative | None = None
     """Torque of the service and parking brake [N m]: braking force times rear wheel radius; 0 for no brake. Default:
-    from a deceleration of 3.55 m/s2 [EU2015]; 1118 for the compact tractor."""
+    computed from a deceleration of 3.55 m/s2 [EU2015]; 1118 for the compact tractor."""
     brake_front_share: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Fraction of the braking force that acts at the front wheels [-]. Default: rear brakes only, as on compact
     tractors. Assumed value: 0.5 for a brake at each wheel, or if braking engages the front-wheel drive [EPO1995]."""
@@ -104,7 +104,7 @@ class Driveline(Spec):
         return self
 
     def strength(self, tractor: TractorParameters) -> "Strength":
-        """Return the limits of torque, power and brake, and the compliance; defaults scale with the tractor's size."""
+        """Return the maximum torque, power and brake torque, and the compliance; defaults scale with the size."""
         mass = tractor.mass_kg / COMPACT.mass_kg
         moment = mass * (tractor.rear_wheel_radius_m / COMPACT.rear_wheel_radius_m)
         weight = tractor.mass_kg * tractor.rear_wheel_radius_m
@@ -117,7 +117,7 @@ class Driveline(Spec):
         )
 
     def brake_torques(self, tractor: TractorParameters) -> Array:
-        """Return the brake torque at each wheel fl, fr, rl, rr, shape (4,) [N m]."""
+        """Return the brake torques at the wheels fl, fr, rl and rr [N m], shape (4,)."""
         total, radii = self.strength(tractor).brake, tractor.front_wheel_radius_m / tractor.rear_wheel_radius_m
         front, rear = self.brake_front_share * radii * total / 2, (1.0 - self.brake_front_share) * total / 2
         return np.array([front, front, rear, rear])
@@ -128,7 +128,7 @@ def _given(value: float | None, default: float) -> float:
 
 
 class Strength(NamedTuple):
-    """Limits of torque, power and brake of a driveline, and its compliance."""
+    """Maximum torque, power and brake torque of a driveline, and its compliance."""
 
     torque: float  # Relief torque of the hydrostat, summed over the driven wheels [N m]
     power: float  # Maximum driving power [W]
@@ -150,7 +150,7 @@ class DriveLaw(NamedTuple):
 
 
 class DriveMemory(NamedTuple):
-    """State of pedal and pump between two physics steps; the arrays in the state are modified in place."""
+    """State of the pedal and the pump between two physics steps; the arrays are modified in place."""
 
     pedal: Array  # Pedal position in [-1, 1], shape (1,) [-]
     speed: Array  # Rim speed that corresponds to the oil flow [m/s], shape (1,)

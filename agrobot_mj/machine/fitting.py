@@ -1,4 +1,4 @@
-"""Size ratios of a machine to the compact tractor, and warnings about parts that are implausible for its weight.
+"""Size of a machine relative to the compact tractor, and warnings about parts that are implausible for its weight.
 
 Each class of parameters lists in `sized` the keys that scale with the size of the machine, and their exponents: a
 look-ahead distance scales with the length, a cornering stiffness with the axle load. The plausibility limits are wide,
@@ -14,17 +14,17 @@ from agrobot_mj.machine.implements.base import HitchedBody, ImplementBase, wheel
 from agrobot_mj.machine.tractor import COMPACT, GRAVITY, AxleWheel, TractorParameters
 
 DEEPEST_SHARE = 0.15
-"""Maximum plausible static tyre deflection divided by free radius [-]. Assumed value: half the section height."""
+"""Maximum plausible static tyre deflection divided by free radius [-]. Assumed value, about half the section height."""
 DENSEST_KPA, DENSEST_DRAWN_KPA = 70.0, 150.0
 """Maximum plausible wheel load divided by tyre width times diameter [kPa], for tractors and for implements. Assumed
 values, above the maxima of 45 and 100 in manufacturers' tables."""
 LIGHTEST_KN_M3 = 4.0
-"""Minimum plausible weight of a machine divided by the sum of diameter squared times width over its wheels [kN/m3].
+"""Minimum plausible weight of a machine divided by the sum of squared diameter times width of its wheels [kN/m3].
 Assumed value, below the values of quads and light robots (7-10) and of the machines in the library (15-26)."""
 HIGHEST_BAR = 250.0  # Maximum pressure of a real steering system [bar]. Assumed value: 100-200 are common.
 LEAST_PULL, LEAST_POWER = 0.15, 0.07
-"""Minimum plausible driving force divided by the weight [-], at the torque limit, and at the power limit and path
-speed. Assumed values: the rolling resistance is 0.05-0.07 of the weight."""
+"""Minimum plausible driving force divided by weight [-]: force at the torque limit, and force at the power limit and
+path speed. Assumed values: the rolling resistance is 0.05-0.07 of the weight."""
 COMPACT_WIDTH_M = 2.0
 """Working width of the compact tractor, the default of `path.swath_m` [m]. Assumed value (range 1.5-2.5)."""
 
@@ -57,7 +57,7 @@ def _tyres(machine: Machine, hitched: HitchedBody | None) -> Iterator[str]:
             deflects = f"deflects by {1e3 * load / wheel.stiffness:.0f} mm of its radius of {1e3 * wheel.radius:.0f} mm"
             given = getattr(machine.tractor, f"{wheel.axle}_tyre_stiffness_n_m") is not None
             key = "stiffness_n_m" if given else "pressure_bar"
-            yield (f"tractor.{wheel.axle}_tyre_{key}: under {load:.0f} N the tyre {deflects}; increase it")
+            yield (f"tractor.{wheel.axle}_tyre_{key}: under {load:.0f} N the tyre {deflects}; increase this value")
         yield from _overloaded(f"tractor.{wheel.axle}_wheel_radius_m", load, wheel, DENSEST_KPA)
     if hitched is not None and (drawn := hitched.axle) is not None:
         yield from _overloaded("implement", drawn.wheel.load, drawn.wheel, DENSEST_DRAWN_KPA)
@@ -100,7 +100,7 @@ def _drive(machine: Machine, hitched: HitchedBody | None, speed: float) -> Itera
 
 
 def ratios_of(tractor: TractorParameters, driveline: Driveline, implement: ImplementBase) -> dict[str, float]:
-    """Return the size ratios of a machine to the compact tractor by name [-].
+    """Return the size ratios between a machine and the compact tractor by name [-].
 
     The ratios compare wheelbase, track width, working width, turning radius, mass, static axle loads and full speed.
     The working width is the width of the implement if given; otherwise it scales with the track width.

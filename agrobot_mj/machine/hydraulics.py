@@ -8,7 +8,7 @@ range, steering rate 15-30 deg/s.
 
 The flow saturates at the limit of the valve section or at the available pump flow. The pump flow is proportional to the
 engine speed; without a priority valve other consumers are supplied first. A valve without pressure compensation is an
-orifice: its flow decreases as sqrt(1 - p / p_supply), with the pressure p against the motion [Merritt1967].
+orifice: its flow decreases as sqrt(1 - p / p_supply), where the pressure p opposes the motion [Merritt1967].
 
 The cylinder is described by its displacement per radian at the bicycle model's virtual wheel. The bicycle plant has a
 rigid cylinder; the MuJoCo plant adds the spring of the trapped oil. Bore and lever arm determine the steering rate. By
@@ -30,11 +30,11 @@ from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 FULL_RANGE_V = 12.0  # Maximum voltage of a valve [V]. Paper, section V-B.
 LITRE_PER_MINUTE = 1e-3 / 60  # Conversion factor from l/min to m3/s [m3/s per l/min]
 RELIEF_MARGIN = 3.0
-"""Relief torque divided by the torque that turns the wheels at standstill [-]. Assumed value: 2 for a doubled axle load
-times 1.5 for rough ground and end stops. The resulting relief pressure of the compact tractor is 8 bar."""
+"""Relief torque divided by the torque that steers the wheels at standstill [-]. Assumed value: 2 (doubled axle load)
+times 1.5 (rough ground and end stops). The resulting relief pressure of the compact tractor is 8 bar."""
 STIFFNESS, DAMPING = 5.0e4, 400.0
-"""Stiffness [N m/rad] and damping [N m s/rad] of the compact tractor's steering. Assumed values: an oil column of about
-2e5 in series with linkage and hoses of about 7e4."""
+"""Stiffness [N m/rad] and damping [N m s/rad] of the compact tractor's steering. Assumed values: stiffness of the oil
+column (about 2e5) in series with linkage and hoses (about 7e4)."""
 
 
 class Valve(Spec):
@@ -50,11 +50,11 @@ class Valve(Spec):
     time_constant_s: Annotated[float, Field(gt=0, le=10)] = 0.10
     """Time constant of the valve spool [s]. Assumed value (range 0.1-0.2 in the literature)."""
     dead_band_v: Annotated[float, Field(ge=0, lt=NEUTRAL_V)] = 0.40
-    """Half width of the dead band about neutral [V]. Assumed value: 3.3 % of the range (3-10 % in the literature)."""
+    """Half width of the dead band about neutral [V]. Assumed value: 3.3 % of the voltage range (literature: 3-10 %)."""
     gain_left_l_min_v: Positive = 3.2
-    """Flow per volt outside the dead band, steering left [l/(min V)]. Assumed value: full flow at 4 V from neutral."""
+    """Flow to the left per volt outside the dead band [l/(min V)]. Assumed value: full flow at 4 V from neutral."""
     gain_right_l_min_v: Positive = 2.8
-    """Flow per volt outside the dead band, steering right [l/(min V)]. Assumed value: 10-20 % below the left gain."""
+    """Flow to the right per volt outside the dead band [l/(min V)]. Assumed value: 10-20 % below the left gain."""
     pump_flow_l_min: Positive = 12.0
     """Pump flow [l/min]; the valve saturates at this flow in both directions. Paper, section V-B."""
     section_flow_l_min: Positive | None = None
@@ -70,7 +70,7 @@ class Valve(Spec):
 
     @property
     def largest_flow(self) -> float:
-        """Maximum flow of the unloaded valve in both directions [l/min]."""
+        """Maximum flow of the valve in either direction at zero cylinder pressure [l/min]."""
         left = self.pump_flow_l_min * self.engine_speed_share - (0.0 if self.priority else self.other_flow_l_min)
         return min(max(left, 0.0), inf if self.section_flow_l_min is None else self.section_flow_l_min)
 
@@ -93,7 +93,7 @@ class Cylinder(Spec):
     """Stiffness of trapped oil, hoses and linkage in series [N m/rad]. Default: proportional to front axle load times
     front tyre width; 5e4 for the compact tractor."""
     damping_n_m_s_rad: NonNegative | None = None
-    """Damping of linkage and seals [N m s/rad]. Default: scales like the stiffness, 400 for the compact tractor."""
+    """Damping of linkage and seals [N m s/rad]. Default: proportional to the stiffness, 400 for the compact tractor."""
 
     @model_validator(mode="after")
     def _rod_inside_the_bore(self) -> "Cylinder":
@@ -113,7 +113,7 @@ class Cylinder(Spec):
         return self.area * self.arm_m
 
     def column(self, tractor: TractorParameters, linkage: Linkage = UPRIGHT) -> "OilColumn":
-        """Return the properties of the oil column; values that are not given scale with the front axle."""
+        """Return the properties of the oil column; default values scale with the load of the front axle."""
         bar, share = self.relief_pressure_bar, tractor.front_axle_load / COMPACT.front_axle_load
         size = share * tractor.front_wheel_width_m / COMPACT.front_wheel_width_m
         sized = RELIEF_MARGIN * linkage.parked_torque(tractor)
@@ -144,7 +144,7 @@ class ValveLaw(NamedTuple):
 
 
 class ValveMemory(NamedTuple):
-    """State of the valve between two physics steps; the arrays in the state are modified in place."""
+    """State of the valve between two physics steps; the arrays are modified in place."""
 
     spool: Array  # Lagged voltage at the spool [V], shape (1,)
     queue: Array  # Ring buffer of the delayed voltages [V], shape (delay steps + 1,)

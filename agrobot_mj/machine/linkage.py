@@ -2,9 +2,9 @@
 
 At static load the kingpin axis meets the ground `kingpin_offset_m` inside the centre plane of the wheel. The top of the
 axis is inclined inwards and, by the caster angle, backwards. The cylinder carries the moments of the tyre forces about
-this axis: impacts of stones, the weight lifted by steering, and the lateral force times the caster trail. With the
-default values, all zero, the kingpin axes pass through the wheel centres and the linkage has no play. The bicycle plant
-uses only the backlash.
+this axis, caused by impacts of stones, by the weight lifted by steering, and by the lateral force at the caster trail.
+With the default values, all zero, the kingpin axes pass through the wheel centres and the linkage has no play. The
+bicycle plant uses only the backlash.
 """
 
 from math import radians, sqrt, tan
@@ -31,10 +31,10 @@ class Linkage(Spec):
     caster_deg: Annotated[float, Field(ge=-10, le=20)] = 0.0
     """Caster: backward inclination of the kingpin tops [deg]. Default: 0. Assumed value (range 0-5) for tractors."""
     backlash_deg: Annotated[float, Field(ge=0, le=20)] = 0.0
-    """Total play between cylinder and wheels, at the wheel [deg]. Default: 0. Assumed value (range 0.3-1 new, 2-4
+    """Total play between cylinder and wheels, at the wheel [deg]. Default: 0. Assumed value (range 0.3-1 if new, 2-4 if
     worn)."""
     friction_n_m: NonNegative = 0.0
-    """Friction torque of kingpins and seals, both wheels [N m]. Default: 0. Assumed value (range 5-20) for tractors."""
+    """Friction torque of both wheels' kingpins and seals [N m]. Default: 0. Assumed value (range 5-20) for tractors."""
 
     @property
     def moved(self) -> bool:

@@ -117,7 +117,7 @@ class TractorParameters(Spec):
     """Angle at which the oscillating front axle meets its stops [deg], in both directions. Assumed value (range
     8-12)."""
     axle_pivot_radii: Annotated[float, Field(ge=-0.5, le=1.5)] = 0.18
-    """Height of the front axle's pivot above the wheel centres, divided by their radius [-]. Assumed value (range
+    """Height of the front axle's pivot above the wheel centres divided by the wheel radius [-]. Assumed value (range
     0-0.3)."""
     steer_limit_deg: Positive = Field(45.0, le=60.0)
     """Maximum angle of the virtual front wheel of the bicycle model [deg]. Paper, section V-B."""
@@ -153,7 +153,7 @@ class TractorParameters(Spec):
         return self
 
     def _fit_tyre(self, axle: str) -> None:
-        """Set radius and width of an axle's wheels from the tyre size code. Raises ValueError for an unusable code."""
+        """Set the wheel radius and width of an axle from the tyre size code. Raises ValueError for an unusable code."""
         if (code := getattr(self, f"{axle}_tyre")) is None:
             return
         if self.mjcf is not None:
@@ -202,25 +202,25 @@ class TractorParameters(Spec):
     def steering_for(self, curvature: float) -> float:
         """Return the steering angle with which the CG follows an arc without slip [rad].
 
-        On an arc of `curvature` kappa [1/m] the CG has the sideslip sin(beta) = l_r kappa, and tan(delta) = L / l_r
-        tan(beta). The angle is pi/2 for arcs with a radius below l_r.
+        On an arc of `curvature` kappa [1/m] the sideslip angle beta of the CG satisfies sin(beta) = l_r kappa, and
+        tan(delta) = L / l_r tan(beta). The angle is pi/2 for arcs with a radius below l_r.
         """
         sine = min(max(self.cg_to_rear_axle * curvature, -1.0), 1.0)
         return atan2(self.wheelbase_m * sine, self.cg_to_rear_axle * sqrt(1.0 - sine * sine))
 
     @property
     def tightest_radius(self) -> float:
-        """Radius of the CG's arc [m] at the steering limit, without slip."""
+        """Turning radius of the CG at the steering limit without slip [m]."""
         return hypot(self.wheelbase_m / tan(self.steer_limit), self.cg_to_rear_axle)
 
     @property
     def front_axle_load(self) -> float:
-        """Static load of the front axle on level ground, sum of both wheels [N]."""
+        """Static load of the front axle (both wheels) on level ground [N]."""
         return self.mass_kg * GRAVITY * self.front_load_fraction
 
     @property
     def rear_axle_load(self) -> float:
-        """Static load of the rear axle on level ground, sum of both wheels [N]."""
+        """Static load of the rear axle (both wheels) on level ground [N]."""
         return self.mass_kg * GRAVITY * (1 - self.front_load_fraction)
 
     @property

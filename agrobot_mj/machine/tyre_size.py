@@ -1,17 +1,17 @@
 """Dimensions and vertical stiffness of a tyre from its size and inflation pressure.
 
 Three types of codes are supported: metric (`520/85R42`, `IF 650/65R42`, `600/50-22.5`: section width [mm], section
-height / section width [%], rim [in]), inch (`18.4R38`, `6-12`, `11L-15`, `15.5/80-24`: section width and rim [in])
-and flotation (`66x43.00R25`: diameter, section width and rim [in]). `R` denotes a radial carcass; other letters and
-`-` denote a bias carcass.
+height / section width [%], rim [in]), inch (`18.4R38`, `6-12`, `11L-15`, `15.5/80-24`: section width and rim [in]) and
+flotation (`66x43.00R25`: diameter, section width and rim [in]). `R` denotes a radial carcass; other letters and `-`
+denote a bias carcass.
 
 The vertical stiffness follows [Rhyne2005] for belted radial tyres, with inflation pressure p [kPa], section width b
 [mm], diameter d [mm] and section height / section width a [%]:
 
 k = 0.00028 p sqrt((1.03 - 0.004 a) b d) + 3.45 [kgf/mm]
 
-The relation was fitted to car and truck tyres and is quoted from memory. It agrees with the published loaded radii of
-five agricultural tyres, one of them with a bias carcass, within 1.5 %: see `validate`.
+The relation was fitted to car and truck tyres, is quoted from memory, and agrees with the published loaded radii of
+five agricultural tyres (one with a bias carcass) within 1.5 %: see `validate`.
 """
 
 import re
@@ -25,8 +25,8 @@ KGF_MM = 9806.65  # Stiffness of 1 kgf/mm [N/m]
 INCH_ASPECT, LOW_ASPECT = 0.85, 0.70
 """Assumed aspect ratio (section height divided by section width) [-] for inch codes without a ratio.
 
-The lower value applies to codes with `L` or with a rim in half inches, because tyres from 11L-15 to 28L-26 have
-0.67-0.72. For the other codes, tyres from 9.5-24 to 20.8-38 have 0.82-0.91.
+The lower value applies to codes with `L` or with a rim diameter that ends in half an inch, because the ratio of tyres
+from 11L-15 to 28L-26 is 0.67-0.72. With the other codes, the ratio of tyres from 9.5-24 to 20.8-38 is 0.82-0.91.
 """
 USUAL_DEFLECTION = 0.20
 """Tyre deflection divided by section height [-] at the default pressure. Assumed value (range 0.17-0.28 from published
@@ -43,7 +43,7 @@ RANGES = {
     "rim diameter": (0.1, 1.6, "m"),
     "diameter": (0.2, 3.0, "m"),
 }
-"""Minimum, maximum and unit of each dimension in a size code. Assumed values, from garden tractors to harvesters."""
+"""Minimum, maximum and unit of each dimension in a size code. Assumed values for garden tractors to harvesters."""
 
 _NUMBER = r"(\d{1,4}(?:\.\d{1,2})?)"
 _FAMILIES = {

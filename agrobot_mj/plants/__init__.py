@@ -1,4 +1,4 @@
-"""Plants (simulated tractors) with a common interface: the bicycle model of the paper and the MuJoCo tractor."""
+"""Plants (simulated tractors) with a common interface: the bicycle model of [Kayacan2015] and the MuJoCo tractor."""
 
 from typing import Annotated
 

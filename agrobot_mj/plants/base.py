@@ -41,7 +41,7 @@ class Clock(NamedTuple):
 
 
 class RunningPlant(Protocol):
-    """Interface of a running plant. Subclasses may omit the methods that have a default body."""
+    """Interface of a running plant. Subclasses may omit methods that have a default implementation."""
 
     scene: Scene
 
@@ -52,7 +52,7 @@ class RunningPlant(Protocol):
         """Advance one tick at constant valve voltages and conditions; return the true state."""
 
     def advanced(self, drive: Drive, conditions: Conditions = NOMINAL) -> Held[Truth]:
-        """Advance one tick at constant valve voltages and conditions; return a reference (`Held`) to the true state."""
+        """Advance one tick at constant valve voltages and conditions; return the true state, wrapped in `Held`."""
         return held(self.advance(drive, conditions))
 
     def save(self) -> Any:
@@ -81,7 +81,7 @@ class RunningPlant(Protocol):
         return ()
 
     def actuation(self) -> tuple[float, float, float]:
-        """Return steering oil flow [m3/s], steering cylinder pressure [Pa] and torque on the driven wheels [N m].
+        """Return the steering oil flow [m3/s], the cylinder pressure [Pa] and the torque on the driven wheels [N m].
 
         Quantities that the plant does not model are NaN.
         """

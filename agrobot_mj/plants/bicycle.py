@@ -1,6 +1,6 @@
-"""Linear bicycle model of the paper, for level ground only.
+"""Linear bicycle model of [Kayacan2015], for level ground only.
 
-The lateral velocity v and yaw rate gamma follow the equation `sondenklem` of the paper, the pose follows the equation
+The lateral velocity v and yaw rate gamma follow the equation `sondenklem`, the pose follows the equation
 `kinematicmodeltractor2` (docs/equations.md). The slip angle of a tyre is its lateral velocity divided by the rolling
 speed |u|. The model is therefore also valid in reverse, where an understeering tractor oversteers.
 
@@ -126,7 +126,7 @@ def steady_state(a: Linear2, delta: float) -> tuple[float, float]:
 
 @kernel
 def propagate(a: Linear2, v: float, gamma: float, delta: float, t: float) -> tuple[float, float, float]:
-    """Return lateral velocity [m/s], yaw rate [rad/s] and yaw change [rad] after `t` [s] at constant steering angle."""
+    """Return the lateral velocity [m/s], yaw rate [rad/s] and yaw change [rad] after `t` [s] at constant steering."""
     # relative to the steady state x_s the system is homogeneous: x(t) = x_s + exp(A t) (x(0) - x_s)
     v_s, gamma_s = steady_state(a, delta)
     # with s the mean of A's eigenvalues and s +- w both of them, (A - s)^2 = w^2, so that the series of the
@@ -305,7 +305,7 @@ class BicyclePlant(RunningPlant):
         )
 
     def _knuckles(self, delta: Array) -> Any:
-        """Return the Ackermann angles of left and right front wheel [rad], shape (2, n), for steering angles
+        """Return the Ackermann angles of the left and right front wheels [rad], shape (2, n), for steering angles
         `delta`."""
         t_2L = self.tractor.track_m / (2 * self.tractor.wheelbase_m)
         return np.stack([np.arctan2(np.tan(delta), 1 - side * t_2L * np.tan(delta)) for side in (1, -1)])

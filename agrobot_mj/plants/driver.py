@@ -43,14 +43,14 @@ class Trace:
 
 
 class Driver:
-    """Controller that uses the true state: PI control of the speed, proportional control of the steering angle."""
+    """Controller that uses the true state: PI control of the speed and proportional control of the steering angle."""
 
     def __init__(self, plant: Any, truth: Truth, speed: float = 0.0, full_speed: float = FULL_SPEED) -> None:
         self.plant, self.truth, self.speed, self.full_speed = plant, truth, speed, full_speed
         self.integral = 0.0
 
     def go(self, seconds: float, steer: Steer = 0.0) -> Trace:
-        """Simulate for `seconds` [s]; `steer` is the steering angle [rad], a number or a function of the true state."""
+        """Simulate for `seconds` [s]; the steering setpoint `steer` [rad] is a number or function of the true state."""
         rule = steer if callable(steer) else lambda truth: steer
         return self._drive(seconds, lambda truth: self.steer_voltage(rule(truth)))
 

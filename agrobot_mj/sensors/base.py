@@ -96,7 +96,7 @@ class CompiledSensor(Sensor):
 
 
 class OptionalSensor(Sensor):
-    """Base class of the optional sensors with a scalar measurement. The paper's tractor does not have these sensors."""
+    """Base class of optional sensors with a scalar measurement, which the tractor of [Kayacan2015] does not have."""
 
     column: ClassVar[Column]
     """Log column of the measurement."""

@@ -1,8 +1,8 @@
 """Parts of the field with an obstructed view of the sky, for example below trees or between buildings.
 
 Below the canopy the receiver has a float solution or no solution; losses of the solution form a two-state Markov chain.
-After leaving the canopy the receiver has a float solution until the ambiguities are resolved. Positions refer to the
-antenna, ENU [m].
+After leaving the canopy the receiver has a float solution until the ambiguities are resolved. Positions are ENU
+coordinates of the antenna [m].
 """
 
 from math import inf

@@ -68,7 +68,7 @@ class DualAntenna(Spec):
     wander_time_s: Positive = 115.0
     """Correlation time of the slow position error [s]. Assumed value for short baselines [Miller2012]."""
     mounting_deg: float = 0.0
-    """Constant mounting error of the heading [deg], positive to the left. Assumed value (uncalibrated up to 1)."""
+    """Constant mounting error of the heading [deg], positive to the left. Assumed value (up to 1 if uncalibrated)."""
 
     def parameters(self, dt: float) -> DualAntennaLaw:
         """Return the parameters of the kernel `antenna_heading` for ticks of length `dt` [s]."""

@@ -4,7 +4,7 @@ The position error of each axis is white noise plus first-order Gauss-Markov par
 white noise. A float solution has separate position errors. A solution without corrections (fault `gnss_dgps`) has the
 errors of a fixed solution plus the offset of the fault. The default error is 2 cm as in the paper, mostly white noise.
 Real receivers have millimetres of white noise and a drift of a centimetre over minutes, modelled by the keys
-`multipath_*` and `drift_*`. Solutions are in ENU [m, m/s]; their latency is in whole ticks.
+`multipath_*` and `drift_*`. Solutions are in ENU [m, m/s]; their latency is a whole number of ticks.
 """
 
 from math import nan, sqrt
@@ -28,12 +28,12 @@ FLOAT = Quality.FLOAT
 
 
 def _nearest_rate(rate_hz: float) -> float:
-    """Return the rate [Hz] of solutions every whole number of ticks, for the interval nearest to that of `rate_hz`."""
+    """Return the solution rate [Hz] with the interval in whole ticks that is nearest to the interval of `rate_hz`."""
     return 1.0 / (max(round(1.0 / (rate_hz * TICK_S)), 1) * TICK_S)
 
 
 def _whole_ticks_apart(rate_hz: float) -> float:
-    """Return `rate_hz`. Raise ValueError if the interval between solutions is not a whole number of ticks."""
+    """Return `rate_hz`. Raises ValueError if the interval between solutions is not a whole number of ticks."""
     ticks = 1.0 / (rate_hz * TICK_S)
     if abs(ticks - round(ticks)) > 1e-9 * ticks:
         raise ValueError(f"must give a period of whole ticks of {TICK_S:g} s, got {rate_hz:g}; try 20, 10 or 5")
@@ -171,13 +171,13 @@ class Gnss(Sensor):
     """RTK-GNSS receiver of the tractor, configured by `[sensors.gnss]`."""
 
     sigma_m: NonNegative = 0.02
-    """Standard deviation of the horizontal position error per axis, white plus correlated [m]. Paper, section V-A."""
+    """Standard deviation of the sum of white and correlated horizontal errors per axis [m]. Paper, section V-A."""
     float_sigma_m: NonNegative = 0.3
     """Standard deviation of the horizontal position error of a float solution per axis [m]. Assumed value (range
     0.2-0.5)."""
     correlated_fraction: Fraction = 0.3
-    """Correlated fraction of the position error variance [-]. Assumed value (range 0.2-0.6) for multipath and
-    atmosphere."""
+    """Correlated fraction of the position error variance [-]. Assumed value (range 0.2-0.6) for errors from multipath
+    and the atmosphere."""
     correlation_time_s: Positive = 30.0
     """Correlation time of the correlated position error [s]. Assumed value for multipath (10 s to several minutes)."""
     float_correlated_fraction: Fraction = 0.9
@@ -186,12 +186,12 @@ class Gnss(Sensor):
     float_correlation_time_s: Positive = 120.0
     """Correlation time of the float error [s]. Assumed value: the ambiguities converge within minutes."""
     multipath_sigma_m: NonNegative = 0.0
-    """Standard deviation of an additional Gauss-Markov error of a fixed solution, horizontal per axis [m]. Default: no
+    """Standard deviation of an additional horizontal Gauss-Markov error of a fixed solution, per axis [m]. Default: no
     multipath error. Assumed value (range 0.004-0.008 in the field)."""
     multipath_time_s: Positive = 115.0
     """Correlation time of the multipath error [s]. Assumed value for baselines up to 10 km [Miller2012]."""
     drift_sigma_m: NonNegative = 0.0
-    """Standard deviation of a slow Gauss-Markov error of a fixed solution due to atmosphere and satellites [m].
+    """Standard deviation of a slow Gauss-Markov error of a fixed solution due to the atmosphere and the satellites [m].
     Default: no drift. Assumed value (range 0.005-0.015) for a base station at 10-20 km."""
     drift_time_s: Positive = 900.0
     """Correlation time of the slow error (drift) [s]. Assumed value for network RTK (13-17 min) [Odolinski2012]."""
@@ -203,7 +203,7 @@ class Gnss(Sensor):
     rate_hz: Annotated[float, Field(ge=1, le=20), AfterValidator(_whole_ticks_apart), Discrete(_nearest_rate)] = 20.0
     """Number of solutions per second [Hz], at intervals of whole ticks. Assumed value (range 5-20 for guidance)."""
     latency_s: Latency = 0.0
-    """Latency of a solution [s], in whole ticks. Assumed value: below a tick in a receiver, up to 0.2 s by radio."""
+    """Latency of a solution, in whole ticks [s]. Assumed value: below one tick in a receiver, up to 0.2 s by radio."""
     configured_ahead_m: AntennaPlace | None = None
     """Distance of the antenna ahead of the rear axle, set in the on-board computer [m]. Default: the true value."""
     configured_left_m: AntennaPlace | None = None
@@ -284,8 +284,8 @@ class Gnss(Sensor):
         """Return the new state and the solution delivered in the tick in which `fix` and `heading` were computed.
 
         Quality and offset in `conditions` apply to the solution computed in this tick; the latency applies to the
-        solution delivered in this tick. While the latency increases, no solution arrives. When it decreases, solutions
-        overtaken by newer ones are lost.
+        solution delivered in this tick. While the latency increases, no solution arrives. When the latency decreases,
+        solutions overtaken by newer solutions are lost.
         """
         canopies, line, pending, last = state
         if self.dual_antenna.enabled:

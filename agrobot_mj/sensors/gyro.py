@@ -1,8 +1,8 @@
 """Yaw-rate gyro, whose error consists of constant bias, random walk of the bias, and white noise.
 
 Measurements are in rad/s, keys in deg/s. The random walk has a separate random stream and starts at zero. A gyro fixed
-to the chassis measures the rate about the chassis axis. On a slope, it measures the yaw rate times the cosine of the
-tilt plus parts of the roll and pitch rates.
+to the chassis measures the rate about the chassis axis. On a slope, this gyro measures the yaw rate times the cosine of
+the tilt plus parts of the roll and pitch rates.
 """
 
 from math import radians, sqrt
@@ -32,7 +32,7 @@ class GyroValues(NamedTuple):
 
 @jit
 def gyro_rate(p: GyroLaw, s: GyroValues, streams: tuple[int, int], motion: SensedMotion) -> tuple[GyroValues, float]:
-    """Return the new state and the measured rate [rad/s] about the vertical or, if `p.body`, about the chassis axis."""
+    """Return the new state and the measured rate [rad/s] about the vertical, or about the chassis axis if `p.body`."""
     walk = s.walk + p.step * normal(streams[1])
     error = p.bias + walk + p.sigma * normal(streams[0])
     rate = motion.body_rates[2] if p.body else motion.yaw_rate

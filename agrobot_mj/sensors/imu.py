@@ -2,15 +2,15 @@
 
 Gyros propagate the attitude from tick to tick. Accelerometers correct the attitude with the time constant tau, using
 the specific force f along the level axes, divided by g, like the levelling loop of an inertial navigation system.
-Shocks cause no bias in this loop, because accelerations along a level axis average to zero. They bias an inclinometer,
-which measures the direction of f: a bump pushes the tractor up and back at the same time. The unit interprets
-accelerations as tilt: in a frame that rotates with the yaw rate r the error settles at e / (1 + (tau r)^2), with e = a
-/ g for a lateral acceleration a. With aiding, the unit subtracts speed times yaw rate and the change of speed; the
-accelerations from sideslip, heave and the lever arm remain. The mean of f over a tick is computed from the velocities
-at the start and end of the tick.
+Shocks cause no bias in this loop, because accelerations along a level axis average to zero. Shocks bias an
+inclinometer, which measures the direction of f: a bump pushes the tractor up and back at the same time. The unit
+interprets accelerations as tilt: in a frame that rotates with the yaw rate r the error settles at e / (1 + (tau r)^2),
+with e = a / g for a lateral acceleration a. With aiding, the unit subtracts speed times yaw rate and the change of
+speed; the accelerations from sideslip, heave and the lever arm remain. The mean of f over a tick is computed from the
+velocities at the start and end of the tick.
 
 Each axis has additional errors: constant bias, slow first-order Gauss-Markov error (thermal drift) [Brown2012] and
-white noise. Angles are in rad as in ISO 8855 (positive for left side up and nose down), keys in deg.
+white noise. Angles are in rad as in ISO 8855 (positive for left side up and nose down), and keys in deg.
 """
 
 from math import atan2, exp, hypot, nan, radians
@@ -142,8 +142,7 @@ class Imu(CompiledSensor):
     enabled: bool = False
     """Whether the inertial unit is present; otherwise roll and pitch are NaN."""
     aiding: Literal["none", "speed"] = "speed"
-    """Aiding: `speed` to subtract accelerations computed from speed and yaw rate, or `none` to subtract no
-    accelerations."""
+    """Aiding: `speed` to subtract accelerations computed from speed and yaw rate, or `none` for no aiding."""
     time_constant_s: NonNegative = 3.0
     """Time constant of the levelling by accelerometers [s], or 0 for an inclinometer. Assumed value (range 1-20)."""
     ahead_m: float = 0.0

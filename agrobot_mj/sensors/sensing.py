@@ -27,7 +27,7 @@ class Laws(NamedTuple):
     steering_pot: PotentiometerLaw
     pedal_pot: PotentiometerLaw
     present: tuple[bool, bool, bool, bool, bool]
-    """Whether each of gyro, inertial unit, wheel speed, radar and receiver on the implement is present."""
+    """Whether the gyro, inertial unit, wheel speed, radar and receiver on the implement are present, in this order."""
     gnss: GnssLaw
     gyro: GyroLaw
     imu: ImuLaw

@@ -1,4 +1,4 @@
-"""Speed sensors: wheel-speed sensor of the driven axle, and Doppler radar. SI units.
+"""Speed sensors: wheel-speed sensor of the driven axle, and Doppler radar.
 
 A pulse wheel on the differential measures the angular velocity of the rear wheels times an assumed radius:
 

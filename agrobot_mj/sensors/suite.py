@@ -35,7 +35,7 @@ LINES = {
     "imu_roll": ("imu", "roll"),
     "imu_pitch": ("imu", "pitch"),
 }
-"""Sensor and field of its measurement ("" for a number) for each signal line that faults can distort."""
+"""Name and measurement field ("" for a number) of the sensor on each signal line that faults can distort."""
 NO_SAMPLES = np.zeros(0)  # Replacement of the steering-angle samples in the true state
 
 
@@ -48,7 +48,7 @@ class SensorState(NamedTuple):
     states: dict[str, Any]  # States of the sensors that are not compiled
     readings: dict[str, Any]  # Last measurement of each sensor, or an empty mapping before the first tick
     lines: tuple[tuple[str, SignalLine], ...] = ()
-    """State of each signal line that was distorted in the last tick, by name. Other lines transmit values unchanged."""
+    """State, by name, of each signal line distorted in the last tick. Other signal lines transmit values unchanged."""
     sound: bool = True  # Whether the numbers of the true state are finite
 
 
@@ -241,7 +241,7 @@ def _suite(sensors: Sensors, dt: float) -> Suite:
 def _distort(
     readings: dict[str, Any], last: SensorState, conditions: Conditions, dt: float
 ) -> tuple[tuple[str, SignalLine], ...]:
-    """Write the transmitted values of distorted lines into `readings`; return the states of these lines."""
+    """Write the values transmitted by distorted signal lines into `readings`; return the states of the lines."""
     before, lines = dict(last.lines), []
     for name, (sensor, field) in LINES.items():
         if (distortion := getattr(conditions, name)) != SOUND:

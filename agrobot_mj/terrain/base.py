@@ -1,4 +1,4 @@
-"""Base classes of terrains: field size, height grid, patches with other ground properties, and a tilted plane."""
+"""Base classes of terrains: field size, height grid, ground patches, and a tilted plane."""
 
 from functools import lru_cache
 from math import ceil, cos, radians, sin, tan
@@ -65,14 +65,14 @@ class Landscape(Spec):
 
     kind: str
     patch: Annotated[tuple[GroundPatch, ...], Field(max_length=1000)] = ()
-    """Ground patches with other properties. Where patches overlap, the last patch in the list applies."""
+    """Ground patches with separate properties. Where patches overlap, the last patch in the list applies."""
     surface: SurfaceName | None = None
-    """Named surface outside the patches: friction, cone index, rolling resistance. Default: values of `plant.tyre`."""
+    """Named surface outside the patches: friction, cone index and rolling resistance. Default: from `plant.tyre`."""
     variation: Variation = Variation()
     """Random variation of cone index, friction and moisture outside the patches. Default: none."""
 
     def relief(self) -> Ground:
-        """Return the height grid without patches. Raises ValueError naming the key of an invalid value."""
+        """Return the height grid without patches. Raises a ValueError that names an invalid key."""
         raise NotImplementedError
 
     def stamp(self) -> tuple[object, ...]:
@@ -80,7 +80,7 @@ class Landscape(Spec):
         return tuple(file_stamp(part.file) for part in (self, *self.patch) if hasattr(part, "file"))
 
     def ground(self) -> Ground:
-        """Return the height grid with all ground properties. Raises ValueError naming the key of an invalid value."""
+        """Return the height grid with all ground properties. Raises a ValueError that names an invalid key."""
         return _ground(self, self.stamp())
 
 

@@ -92,7 +92,7 @@ class Bumps(Generated):
 
 
 def _raise(heights: Array, nodes: tuple[Array, Array], bump: Bump, size: tuple[float, float]) -> None:
-    """Raise `heights` to at least a bump of unit height; `size` is the length and width of the bump [m].
+    """Set `heights` to the maximum of `heights` and a bump of unit height; `size` is its length and width [m].
 
     `nodes` contains the coordinates of columns and rows [m].
     """

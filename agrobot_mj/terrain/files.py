@@ -106,12 +106,12 @@ def _read_png(path: Path) -> Sheet:
         except (Image.DecompressionBombWarning, Image.DecompressionBombError):
             refuse(path, f"the image exceeds the limit of {MOST_NODES} pixels by far; crop it or reduce its resolution")
         except Exception:
-            refuse(path, "the file is not a PNG image; export it again as a grey PNG of 16 bits")
+            refuse(path, "the file is not a PNG image; export the file again as a grey PNG of 16 bits")
     with picture:
         _fits(path, (picture.height, picture.width))
         if picture.mode not in GREY:
             refuse(path, f"the image has type {picture.mode}; export it as grey of 16 (or 8) bits without alpha")
-        values = _try(path, "export it again", lambda: np.asarray(picture, dtype=np.float64))
+        values = _try(path, "export the file again", lambda: np.asarray(picture, dtype=np.float64))
         return Sheet(np.flipud(values), white=GREY[picture.mode])
 
 
@@ -124,7 +124,7 @@ def _read_asc(path: Path) -> Sheet:
         refuse(
             path,
             f"the file has {len(words)} values, but its header gives {shape[0]} x {shape[1]} = {shape[0] * shape[1]}; "
-            "it is truncated or its header is wrong; export it again",
+            "it is truncated or its header is wrong; export the file again",
         )
     values = _try(path, "use numbers with a decimal point", lambda: np.array(words, dtype=np.float64)).reshape(shape)
     if (holes := int((values == head.get("nodata_value", np.nan)).sum())) > 0:
@@ -133,7 +133,7 @@ def _read_asc(path: Path) -> Sheet:
 
 
 def _corner_of(head: dict[str, float], cell: float) -> tuple[float, float] | None:
-    """Return easting and northing of the south-west node, a cell centre [m], or None if the header has no position."""
+    """Return the easting and northing of the south-west node, a cell centre [m], or None without a position."""
     west, south = (head.get(f"{axis}llcenter", head.get(f"{axis}llcorner", np.nan) + cell / 2) for axis in ("x", "y"))
     return (west, south) if np.isfinite([west, south]).all() else None
 
@@ -145,7 +145,7 @@ def _read_tiff(path: Path) -> Sheet:
             refuse(path, f"the image has type {image.mode}; export one band of numbers, e.g. with gdal_translate -b 1")
         cell, corner = cell_and_corner(path, image)
         _in_metres(path, cell)
-        values = _try(path, "export it again without compression", lambda: values_of(path, image))
+        values = _try(path, "export the file again without compression", lambda: values_of(path, image))
         return Sheet(values, cell, corner=corner)
 
 
@@ -155,7 +155,7 @@ def _text(path: Path, size: int = -1) -> list[str]:
         with path.open(encoding="utf-8-sig") as stream:
             return stream.read(size).split()
 
-    words: list[str] = _try(path, "export it again as ESRI ASCII grid", read)
+    words: list[str] = _try(path, "export the file again as ESRI ASCII grid", read)
     return words
 
 

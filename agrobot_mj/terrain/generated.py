@@ -46,7 +46,7 @@ class Generated(Sized, Tilted):
         return HUGE
 
     def relief(self) -> Ground:
-        """Return the height grid. Raises ValueError naming the key of an invalid value."""
+        """Return the height grid. Raises a ValueError that names an invalid key."""
         columns, rows = self._cells()
         half_x, half_y = self.half_sizes
         spacing = 2 * half_x / columns if half_x >= half_y else 2 * half_y / rows
@@ -60,7 +60,7 @@ class Generated(Sized, Tilted):
         return self.tilted(ground)
 
     def _cells(self) -> tuple[int, int]:
-        """Return the numbers of cells to the east and north. Raises ValueError if they are too large or too many."""
+        """Return the numbers of cells to the east and north. Raises ValueError for too large or too many cells."""
         if self.node_m > self.finest():
             raise ValueError(
                 f"node_m: {self.node_m:g} m is too coarse for this relief; set a value of at most {self.finest():.3g}"

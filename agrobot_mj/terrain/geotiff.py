@@ -16,7 +16,7 @@ from agrobot_mj.core.signals import Array
 PIXEL_SCALE, TIE_POINT, TRANSFORMATION, GEO_KEYS, NODATA = 33550, 33922, 34264, 34735, 42113
 """Numbers of the TIFF tags that GeoTIFF files use."""
 MODEL_TYPE, RASTER_TYPE, GEOGRAPHIC, IS_POINT = 1024, 1025, 2, 2
-"""GeoKeys of the coordinate system and of the raster type, and their values for degrees and for values at points."""
+"""GeoKeys of coordinate system and raster type, and their values for coordinates in degrees and for point values."""
 IN_DEGREES = (1, 1, 0, 3, MODEL_TYPE, 0, 1, GEOGRAPHIC, RASTER_TYPE, 0, 1, 1, 2048, 0, 1, 4326)
 IN_METRES = (1, 1, 0, 2, MODEL_TYPE, 0, 1, 32767, RASTER_TYPE, 0, 1, 1)
 """GeoKey directories of written files: `IN_DEGREES` for WGS 84, `IN_METRES` for a grid without a map position."""
@@ -34,7 +34,7 @@ def open_tiff(path: Path) -> Any:
         except (Image.DecompressionBombWarning, Image.DecompressionBombError):
             refuse(path, "the image exceeds the limit of nodes by far; crop it or reduce its resolution")
         except Exception:
-            refuse(path, "the file is not a TIFF image; export it again as GeoTIFF with one band")
+            refuse(path, "the file is not a TIFF image; export the file again as GeoTIFF with one band")
 
 
 def cell_and_corner(path: Path, image: Any) -> tuple[float, tuple[float, float]]:
@@ -83,7 +83,7 @@ def write_tiff(
     """Write an array of bytes with shape (rows, columns), whose row 0 is north, to a GeoTIFF file.
 
     `step` is the size of a cell and `corner` the north-west corner of the first cell, both as (east, north), in degrees
-    if `degrees`, otherwise in metres. Cells without data have the value `no_data`.
+    if `degrees` is true, otherwise in metres. Cells without data have the value `no_data`.
     """
     from PIL import Image, TiffImagePlugin
 

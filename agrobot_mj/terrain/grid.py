@@ -31,7 +31,7 @@ class Surface(NamedTuple):
     friction: Array  # Factor on the tyre friction [-], shape (rows, columns)
     cone_index: Array  # Cone index of the soil, same shape; 0 selects the value of the tyre law [Pa]
     rolling: Array = np.empty((0, 0))
-    """Rolling resistance divided by load on firm ground [-], shape of `friction` or empty; 0 for the tyre-law value."""
+    """Rolling resistance divided by load on firm ground [-], shape of `friction` or empty; 0: value of the tyre law."""
     elsewhere: tuple[float, float, float] = (1.0, 0.0, 0.0)
     """Friction factor [-], cone index [Pa] and rolling resistance [-] outside the property grid."""
 
@@ -94,7 +94,7 @@ def height_and_gradient(ground: Ground, x: float, y: float) -> tuple[float, floa
 
 @kernel
 def surface_at(surface: Surface, x: float, y: float) -> tuple[float, float]:
-    """Return the friction factor [-] and cone index [Pa] at (x, y) [m]; 0 selects the cone index of the tyre law."""
+    """Return the friction factor [-] and cone index [Pa] (0: value of the tyre law) at (x, y) [m]."""
     rows, columns = surface.friction.shape
     a, b = (x - surface.x0) / surface.spacing, (y - surface.y0) / surface.spacing
     if not (0.0 <= a < columns and 0.0 <= b < rows):
@@ -104,7 +104,7 @@ def surface_at(surface: Surface, x: float, y: float) -> tuple[float, float]:
 
 @kernel
 def rolling_at(surface: Surface, x: float, y: float) -> float:
-    """Return the rolling resistance divided by load [-] at (x, y) [m]; 0 selects the value of the tyre law."""
+    """Return the rolling resistance divided by load [-] at (x, y) [m]; 0 means the value of the tyre law."""
     rows, columns = surface.rolling.shape
     a, b = (x - surface.x0) / surface.spacing, (y - surface.y0) / surface.spacing
     if not (0.0 <= a < columns and 0.0 <= b < rows):

@@ -38,7 +38,7 @@ class Heightmap(Tilted):
     """Whether a .npy or .png file may have different numbers of rows and columns. Default: only square grids."""
 
     def relief(self) -> Ground:
-        """Return the height grid. Raises ValueError naming the key of an invalid value."""
+        """Return the height grid. Raises a ValueError that names an invalid key."""
         sheet = read_grid(self.file)
         rows, columns = sheet.values.shape
         if rows != columns and sheet.cell is None and not self.rectangular:

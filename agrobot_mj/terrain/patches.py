@@ -1,4 +1,4 @@
-"""Conversion of ground patches with their friction and soil to one grid of ground properties."""
+"""Conversion of ground patches to one grid of ground properties."""
 
 from math import ceil, inf
 from typing import Annotated, NamedTuple
@@ -22,12 +22,12 @@ class Base(NamedTuple):
     """Ground properties outside the patches."""
 
     properties: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    """Friction factor [-], cone index [Pa] and rolling resistance [-]; 0 in the last two selects the tyre-law value."""
+    """Friction factor [-], cone index [Pa] and rolling resistance [-]; in the last two, 0 means the tyre-law value."""
     variation: Variation | None = None  # Random variation about these properties, or None for uniform ground
 
 
 def surface(patches: tuple[Special, ...], extent: Bounds, base: Base) -> Surface:
-    """Return the property grid of patches on the ground `base`. Raises ValueError naming the key of a wrong value."""
+    """Return the property grid of patches on the ground `base`. Raises a ValueError that names an invalid key."""
     boxes = [_inside(k, patch, extent) for k, patch in enumerate(patches)]
     covered_boxes = boxes if base.variation is None else [extent]
     low_x, low_y = min(box[0] for box in covered_boxes), min(box[2] for box in covered_boxes)

@@ -30,7 +30,7 @@ class Ridges(Generated):
     kind: Literal["ridges"] = "ridges"
     half_size_m: Positive | None = 60.0
     node_m: Node = 0.0625
-    """Maximum distance between neighbouring nodes [m]. Default: twelve nodes per furrow, for a depth within 3 %."""
+    """Maximum distance between neighbouring nodes [m]. Default: twelve nodes per furrow, for depths within 3 %."""
     depth_m: Positive = 0.1
     """Depth from crest to trough [m]. Assumed value (range 0.05-0.25) for ploughed and settled ground."""
     spacing_m: Positive = 0.75

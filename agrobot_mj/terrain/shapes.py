@@ -1,4 +1,4 @@
-"""Shapes of ground patches: rectangle, circle, polygon, image."""
+"""Shapes of ground patches: rectangle, circle, polygon and image."""
 
 from math import cos, radians, sin
 from typing import Annotated, Literal, Self, TypeAlias
@@ -22,7 +22,7 @@ class Special(Spec):
 
     kind: str
     surface: SurfaceName | None = None
-    """Named surface of the patch, with defaults of friction, cone index and rolling resistance. Default: none."""
+    """Named surface of the patch, which sets default friction, cone index and rolling resistance. Default: none."""
     friction: Scale = 1.0
     """Factor on the tyre friction [-]. Assumed value, relative to dry ground: 0.6 for wet grass, 0.3 for mud."""
     cone_index_kpa: ConeIndex | None = None
@@ -51,7 +51,7 @@ class Special(Spec):
         raise NotImplementedError
 
     def properties(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return friction factor [-] and cone index [Pa] at the points (x, y), same shape as `x`.
+        """Return the friction factor [-] and cone index [Pa] at the points (x, y), same shape as `x`.
 
         A cone index of 0 means that the value of the terrain outside the patches applies.
         """
@@ -142,7 +142,7 @@ class PolygonPatch(Special):
 
 
 class PicturePatch(Special):
-    """Grey image as a map of ground properties, north at the top. Black stands for `friction` and `cone_index_kpa`."""
+    """Grey image as a map of ground properties, north at the top; black pixels have `friction` and `cone_index_kpa`."""
 
     kind: Literal["image"] = "image"
     file: Annotated[str, Field(min_length=1)]
@@ -184,7 +184,7 @@ class PicturePatch(Special):
         return (x_min <= x) & (x < x_max) & (y_min <= y) & (y < y_max)
 
     def properties(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return friction factor [-] and cone index [Pa] of the image pixel at each point."""
+        """Return the friction factor [-] and cone index [Pa] of the image pixel at each point."""
         brightness = read_picture(self.file)
         x_min, _, y_min, _ = self.bounds()
         rows, columns = brightness.shape

@@ -79,9 +79,9 @@ class Variation(Spec):
         return self.correlation_m / CELLS_PER_LENGTH if self.cell_m is None else self.cell_m
 
     def properties(self, shape: tuple[int, int], cell: float, mean_kpa: float | None) -> tuple[Array, Array]:
-        """Return friction factor [-] and cone index [Pa] in a grid of square cells with the side length `cell` [m].
+        """Return the friction factor [-] and cone index [Pa] in a grid of square cells with the side length `cell` [m].
 
-        The cone index is 0 if no mean value is given. Raises ValueError naming the key of a missing mean value.
+        The cone index is 0 if no mean value is given. Raises a ValueError that names the key of a missing mean.
         """
         mean = mean_kpa if self.cone_index_kpa is None else self.cone_index_kpa
         if mean is None and self.cone_index_spread > 0.0:
@@ -122,7 +122,7 @@ def gaussian_field(noise: np.random.Generator, shape: tuple[int, int], cell: flo
 
 
 def named(surface: SurfaceName | None) -> tuple[float, float, float]:
-    """Return friction factor [-], cone index [Pa] and rolling resistance [-] of a surface; (1, 0, 0) for None."""
+    """Return the friction factor [-], cone index [Pa] and rolling resistance [-] of a surface; (1, 0, 0) for None."""
     if surface is None:
         return 1.0, 0.0, 0.0
     found = NAMED[surface]

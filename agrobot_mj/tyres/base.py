@@ -1,8 +1,8 @@
 """Base class of tyres, and the input and output of tyre laws.
 
 A tyre is a subclass of `TyreBase` with three parts: `structure` (relaxation, damping, rolling resistance, contact
-patch), `coefficients` (law of a front and of a rear tyre, in SI units), and `native` (settings of MuJoCo contact if
-this contact replaces the law). Each law is a `TyreLaw`: a named tuple of floats whose methods `force` and `drag` are
+patch), `coefficients` (of the law for a front and a rear tyre, in SI units), and `native` (settings of MuJoCo contact
+if this contact replaces the law). Each law is a `TyreLaw`: a named tuple of floats whose methods `force` and `drag` are
 scalar functions, compiled for the physics steps and also usable in plain Python. To add a tyre, write a module with a
 tyre class and a law class, and add the tyre to the union `Tyre`.
 """
@@ -102,7 +102,7 @@ def force_direction(slip: Slip, D: tuple[float, float], K: tuple[float, float], 
 
     The force is opposite to (m_x D_x, m_y D_y), with the peak forces `D` [N]. At a normalised slip `rho` below
     `ADHERES`, the contact patch acts like two springs with the slip stiffnesses `K` [N]. Above `SLIDES` the patch
-    slides: with `a` = 0 the force opposes the sliding velocity; with `a` = 1 it has the direction of maximum
+    slides: with `a` = 0 the force opposes the sliding velocity; with `a` = 1 the force has the direction of maximum
     dissipation within the ellipse of the peak forces [Goyal1991]. Between both limits, the direction changes linearly
     with `rho`.
     """
@@ -136,7 +136,7 @@ class Structure(NamedTuple):
     length of 1.5 radii and scales with the relaxation length."""
     rolling_resistance: float = 0.0  # Rolling resistance moment divided by load times rolling radius [-]
     patch_half_length_m: float | None = 0.0
-    """Half the contact length [m]. 0: no scrubbing moment; None: computed from the static deflection."""
+    """Half the contact length [m]; 0 for no scrubbing moment, None for a length from the static deflection."""
     trail_m: float = 0.0  # Pneumatic trail at small slip [m]
     cone_index_pa: float = 0.0  # Cone index where the ground has no value [Pa], or 0 for laws without a cone index
     carcass_share: tuple[float, float] = (0.0, 0.0)
@@ -172,7 +172,7 @@ class TyreBase(Spec):
         return self.native is None
 
     def structure(self) -> Structure:
-        """Return the parameters of carcass and contact patch."""
+        """Return the parameters of the carcass and contact patch."""
         raise NotImplementedError
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
@@ -188,7 +188,7 @@ class TyreBase(Spec):
         return self
 
     def coefficients(self, tractor: TractorParameters) -> tuple[TyreLaw, TyreLaw]:
-        """Return the law of a front tyre and the law of a rear tyre; both have the same class."""
+        """Return the coefficients of the law for a front tyre and a rear tyre; both have the same class."""
         raise NotImplementedError
 
 
@@ -203,16 +203,17 @@ class CarcassTyre(TyreBase):
     bristle_damping_s: NonNegative = 0.02
     """Damping of the carcass divided by its stiffness [s]. Assumed value (range 0.005-0.05)."""
     patch_half_length_m: NonNegative | None = None
-    """Half the contact length [m]. 0: no scrubbing moment. Default: from radius and static deflection of the tyres."""
+    """Half the contact length [m], or 0 for no scrubbing moment. Default: computed from radius and static
+    deflection."""
     load_follows_carcass: bool = True
     """Whether the load acts at the contact patch, which the lateral force displaces. The displacement reduces the
     tip-over angle. If false, the load acts in the wheel plane."""
     sliding_anisotropy: Fraction = 0.0
     """Anisotropy of sliding friction [-]. 0: the force opposes the sliding velocity; 1: the force has the direction of
-    maximum dissipation, closer to the axis of higher friction. Assumed value; at most 1 for lugs [Goyal1991]."""
+    maximum dissipation, closer to the axis of higher friction. Assumed value (up to 1 for lugs [Goyal1991])."""
 
     def structure(self) -> Structure:
-        """Return the parameters of carcass and contact patch; subclasses add rolling resistance, trail or soil."""
+        """Return the parameters of the carcass and contact patch; subclasses add rolling resistance, trail or soil."""
         return Structure(
             bristle_damping_s=self.bristle_damping_s,
             patch_half_length_m=self.patch_half_length_m,

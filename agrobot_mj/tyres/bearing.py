@@ -14,11 +14,11 @@ kappa, the elastic stiffness K_e of the soil and its plastic sinkage z,
 
 With the last equation, N equal passes cause the sinkage z_1 N^(1/a), the multipass law of [Abebe1989] with exponent a.
 Without this equation, soil would remain elastic after the first load. The equation applies where p / q exceeds the
-level of the cell: its maximum since the last unloading, but at most `REVERSAL` times the minimum since then. Soil is
-therefore elastic under a vibrating load. Slip i multiplies the plastic sinkage by (1 + i) / (1 - i / 2) [Lyasko2010].
-The force of a cell is the power conjugate of D: p dA along the normal, p dA s / R against the motion and p dA l / r_c
-towards the opposite side. The work of the wheel along its path is therefore exactly the plastic work of the soil, and
-the walls of a rut guide the wheel.
+level of the cell: the maximum of p / q since the last unloading, but at most `REVERSAL` times its later minimum. Soil
+is therefore elastic under a vibrating load. Slip i multiplies the plastic sinkage by (1 + i) / (1 - i / 2)
+[Lyasko2010]. The force of a cell is the power conjugate of D: p dA along the normal, p dA s / R against the motion and
+p dA l / r_c towards the opposite side. The work of the wheel along its path is therefore exactly the plastic work of
+the soil, and the walls of a rut guide the wheel.
 """
 
 from math import ceil, floor, sqrt
@@ -39,8 +39,8 @@ REVERSAL = 2.0
 """Maximum pressure of elastic reloading divided by the minimum pressure since the last plastic sinkage [-]. Assumed
 value: a load that decreases by less than half and increases again is not a separate pass."""
 MOST_SLIP = 0.8
-"""Slip above which the sinkage is constant [-], at three times the value without slip. Assumed value, at which
-published curves end."""
+"""Slip above which the sinkage is constant [-], at three times the value without slip. Assumed value: published curves
+end at this slip."""
 
 Cell = tuple[int, int, int]  # Tile, row and column of a stored cell
 

@@ -1,7 +1,7 @@
 """Tyre model that uses MuJoCo's frictional contact, for comparison with tyre laws.
 
 The contact has no slip law: sliding is viscous, the cornering stiffness is proportional to speed and to `impratio`, and
-a tractor without brake creeps down slopes.
+a tractor without a brake creeps down slopes.
 """
 
 from typing import Literal

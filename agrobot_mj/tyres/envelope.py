@@ -27,7 +27,7 @@ BLEND = 0.005
 ALONG = 0.01
 """Minimum component of the horizontal wheel direction across grid lines [-]; smaller components are treated as zero."""
 END, COLUMN, ROW = range(3)
-"""Types of segment ends: end of the polyline, crossing of a column of nodes, crossing of a row of nodes."""
+"""Types of segment ends: end of the polyline, crossing of a column of nodes, and crossing of a row of nodes."""
 
 
 class WheelPlane(NamedTuple):

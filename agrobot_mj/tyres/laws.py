@@ -101,8 +101,8 @@ def brush(K_x: Array, a: Array, b: Array) -> tuple[Array, Array]:
 
     `K_x` are the slip stiffnesses [N], `a` and `b` the half lengths and widths of the patches [m]. At rest, bristles of
     stiffness c on an area 2 a times b have the slip stiffness K_x = 2 c a^2 and the torsional stiffness 2 c a (a^2 / 3
-    + b^2 / 12). On a curved path, they deflect in proportion to the curvature and to the distance from the wheel plane:
-    the moment is K_x b^2 / 12 times the curvature.
+    + b^2 / 12). On a curved path, the bristles deflect in proportion to the curvature and to the distance from the
+    wheel plane: the moment is K_x b^2 / 12 times the curvature.
     """
     half = np.where(a > 0.0, a, 1.0)
     stiffness = np.where(a > 0.0, K_x * (half / 3 + b**2 / (12 * half)), 0.0)
@@ -110,7 +110,7 @@ def brush(K_x: Array, a: Array, b: Array) -> tuple[Array, Array]:
 
 
 def with_soil_memory(ground: Ground, bearing: Bearing) -> Ground:
-    """Return the ground, with a memory of its soil if the soil is plastic. Raises ValueError for too small cells."""
+    """Return the ground, with a soil memory for plastic soil. Raises ValueError if the soil cells are too small."""
     if bearing.k_phi <= 0.0:
         return ground
     try:

@@ -1,8 +1,8 @@
-"""Linear tyre of the paper: the force is proportional to the slip, without a limit.
+"""Linear tyre of [Kayacan2015]: the force is proportional to the slip, without a limit.
 
-The lateral force follows the equation `lateralforces` of the paper, for one tyre; the longitudinal force has the same
-form with a slip stiffness. The lateral slip is the tangent of the slip angle. Each tyre has half the axle stiffness of
-the bicycle model, so that both plants agree on level ground.
+The lateral force follows the equation `lateralforces` for one tyre; the longitudinal force has the same form with a
+slip stiffness. The lateral slip is the tangent of the slip angle. Each tyre has half the axle stiffness of the bicycle
+model, so that both plants agree on level ground.
 """
 
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce
 
 STIFFNESS_PER_LOAD = (2.0, 20.0)
-"""Plausible cornering stiffness divided by load [1/rad]. Assumed limits; tyres have 3.5-9 on soil and 15 on roads."""
+"""Plausible cornering stiffness divided by load [1/rad]. Assumed limits; the ratio is 3.5-9 on soil and 15 on roads."""
 
 
 def unlike_a_tyre(key: str, C_alpha: float, load: float) -> str:
@@ -60,14 +60,14 @@ class Linear(TyreBase):
     rear_cornering_stiffness_n_rad: Positive = 15_000.0
     """Cornering stiffness C_alpha of one rear tyre [N/rad]. Assumed value (range 8.9e3-20e3), as for the front tyre."""
     front_slip_stiffness_n: Positive = 15_000.0
-    """Longitudinal slip stiffness of one front tyre [N]. Assumed value: 10 times the load (5-15 times)."""
+    """Longitudinal slip stiffness of one front tyre [N]. Assumed value: 10 times the load (range 5-15)."""
     rear_slip_stiffness_n: Positive = 25_000.0
-    """Longitudinal slip stiffness of one rear tyre [N]. Assumed value: 10 times the load (5-15 times)."""
+    """Longitudinal slip stiffness of one rear tyre [N]. Assumed value: 10 times the load (range 5-15)."""
     relaxation_radii: Relaxation = 1.5
     """Relaxation length divided by free radius [-]. Assumed value (range 0.4-2), not measured on a small tractor
     tyre."""
     rolling_resistance: NonNegative = 0.0
-    """Rolling resistance moment divided by load times rolling radius [-]. Assumed value: 0; in the field 0.045-0.07."""
+    """Rolling resistance moment divided by load times rolling radius [-]. Assumed value: 0 (0.045-0.07 in fields)."""
     bristle_damping_s: NonNegative = 0.02
     """Damping of the carcass divided by its stiffness [s], for a relaxation length of 1.5 radii; the damping is
     proportional to the relaxation length. Assumed value (range 0.005-0.05)."""
@@ -80,11 +80,11 @@ class Linear(TyreBase):
                 yield line
 
     def structure(self) -> Structure:
-        """Return the parameters of the carcass; the tyre has no contact patch."""
+        """Return the parameters of the carcass, without a contact patch."""
         return Structure(self.relaxation_radii, self.bristle_damping_s, self.rolling_resistance)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[LinearLaw, LinearLaw]:
-        """Return the law of a front tyre and the law of a rear tyre."""
+        """Return the coefficients of the law for a front tyre and a rear tyre."""
         return (
             LinearLaw(self.front_slip_stiffness_n, self.front_cornering_stiffness_n_rad),
             LinearLaw(self.rear_slip_stiffness_n, self.rear_cornering_stiffness_n_rad),

@@ -1,9 +1,9 @@
 """Tyre with Pacejka's Magic Formula for firm ground, with load dependence and combined slip [Pacejka2012].
 
 In each direction F0 = D sin(C atan(B s - E (B s - atan(B s)))), with the peak D = mu F_z and the slip stiffness K = B C
-D. Friction and stiffness per load change linearly with the load: with df = (F_z - F_z0) / F_z0, mu = mu_0 (1 +
-mu_load df) and K = F_z k (1 + k_load df). By default the reference load F_z0 is the static load of the wheel, also for
-implements, since larger machines have larger tyres. The linear change is valid between `KNOWN_LOADS`. Camber, ply steer
+D. Friction and stiffness per load change linearly with the load: with df = (F_z - F_z0) / F_z0, mu = mu_0 (1 + mu_load
+df) and K = F_z k (1 + k_load df). By default the reference load F_z0 is the static load of the wheel, also for
+implements, since larger machines have larger tyres. The linear change is valid within `KNOWN_LOADS`. Camber, ply steer
 and conicity are zero.
 
 Combined slip uses similarity: each slip is normalised by D / K, and the length rho of the normalised slip vector is the
@@ -108,7 +108,7 @@ class Curve(Spec):
     stiffness_load: float = -0.25
     """Relative change of `stiffness_per_load` for a doubled load [-]. Assumed value (range -0.5 to 0)."""
     shape: Annotated[float, Field(gt=0.5, le=1.9)] = 1.3
-    """Shape factor C [-]. Assumed value: lateral 1.3, longitudinal 1.3-1.65, 1.65 for road tyres [Pacejka2012]."""
+    """Shape factor C [-]. Assumed value: lateral 1.3; longitudinal 1.3-1.65 (1.65 for road tyres [Pacejka2012])."""
     curvature: Annotated[float, Field(ge=-10, le=1)] = -0.3
     """Curvature factor E [-], at most 1. Assumed value (range -2 to 1)."""
 
@@ -139,7 +139,7 @@ class AxleTyre(Spec):
     """Curve of the longitudinal force as a function of the slip ratio [-]."""
 
     def clamped(self, df: float) -> str:
-        """Return a text on coefficients limited by `LEAST_SHARE` at a relative load change `df`, or an empty text."""
+        """Return a phrase on coefficients that `LEAST_SHARE` limits at a load change `df`, or an empty string."""
         curves = (self.lateral, self.longitudinal)
         held = {
             "grip": any(1 + curve.mu_load * df < LEAST_SHARE for curve in curves),
@@ -162,20 +162,20 @@ class MagicFormula(CarcassTyre):
 
     kind: Literal["magic_formula"] = "magic_formula"
     front: AxleTyre = AxleTyre(lateral=Curve(stiffness_per_load=5.3))
-    """Coefficients of the front tyres. The default lateral stiffness at static load is as in the bicycle model."""
+    """Coefficients of the front tyres. The default lateral stiffness at static load equals the bicycle model's."""
     rear: AxleTyre = AxleTyre(lateral=Curve(stiffness_per_load=6.6))
-    """Coefficients of the rear tyres. The default lateral stiffness at static load is as in the bicycle model."""
+    """Coefficients of the rear tyres. The default lateral stiffness at static load equals the bicycle model's."""
     rolling_resistance: NonNegative = 0.05
     """Rolling resistance moment divided by load times rolling radius [-]. Assumed value (range 0.045-0.07)."""
     trail_m: NonNegative = 0.03
     """Pneumatic trail at small slip, the lever arm of the aligning moment [m]. Assumed value (range 0.02-0.05)."""
 
     def structure(self) -> Structure:
-        """Return the parameters of carcass and contact patch."""
+        """Return the parameters of the carcass and contact patch."""
         return super().structure()._replace(rolling_resistance=self.rolling_resistance, trail_m=self.trail_m)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[MagicLaw, MagicLaw]:
-        """Return the law of a front tyre and the law of a rear tyre."""
+        """Return the coefficients of the law for a front tyre and a rear tyre."""
         a = self.sliding_anisotropy
         return self.front.law(tractor.front_wheel.load, a), self.rear.law(tractor.rear_wheel.load, a)
 

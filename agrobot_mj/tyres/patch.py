@@ -166,8 +166,8 @@ def soft_sign(v: float, width: float) -> float:
 def rolling_torque(tyres: TyreSet, i: int, load: float, r_e: float, spin: float, surface: float = 0.0) -> float:
     """Return the rolling resistance torque about the axle of wheel `i` [N m], which opposes the spin.
 
-    `surface` is the rolling resistance coefficient of a named ground surface, or 0. It replaces the coefficient of the
-    tyre, except in tyre laws with soil resistance.
+    `surface` is the rolling resistance coefficient of a named ground surface, or 0. A coefficient above 0 replaces the
+    coefficient of the tyre, except in tyre laws with soil resistance.
     """
     own = tyres.cone_index > 0.0 or tyres.bearing.k_phi > 0.0 or surface <= 0.0
     share = (tyres.rolling_resistance if own else surface) * float(tyres.carcass[i, 1])

@@ -1,7 +1,7 @@
 """Tyre on soil with plastic sinkage: ruts, multipass effect and slip sinkage.
 
 The vertical force follows from the pressure-sinkage law of the cells below the tyre [Bekker1969], see `bearing`; the
-compaction of the soil is the motion resistance. The shear force follows [JanosiHanamoto1961] with the Mohr-Coulomb
+compaction of the soil causes the motion resistance. The shear force follows [JanosiHanamoto1961] with the Mohr-Coulomb
 strength. With contact area A, contact length L, combined slip s, load W, cohesion c, friction angle phi and shear
 modulus K, the force is
 
@@ -29,12 +29,12 @@ STIFFEST_MPA_M = 1e4
 DEEPEST = 1 / 3
 """Maximum sinkage divided by the wheel radius [-] for which the closed-form solution is valid [Bekker1969]."""
 SHEARED = 20.0
-"""Shear displacement at which bristles at rest break away, divided by K [-]. The force is then 95 % of the strength."""
+"""Shear displacement at which resting bristles break away, relative to K [-]; the force is 95 % of the strength."""
 
 
 @kernel
 def sheared(j: float) -> float:
-    """Return the used fraction of the shear strength [-]; `j` is the patch-end displacement divided by modulus K."""
+    """Return the used fraction of shear strength [-]; `j` is the displacement at the patch end divided by modulus K."""
     if j < 1e-3:
         return 0.5 * j - j * j / 6.0
     return 1.0 - (1.0 - exp(-j)) / j
@@ -121,7 +121,7 @@ class Ruts(CarcassTyre):
                 yield f"k_phi_kn: a rigid {wheel.axle} wheel {deep}, more than a third of its radius of {R:.2g} m"
 
     def structure(self) -> Structure:
-        """Return the parameters of carcass and patch; the rolling resistance is the internal loss [Brixius1987]."""
+        """Return the carcass and patch parameters, with the internal loss [Brixius1987] as rolling resistance."""
         bearing = Bearing(
             k_c=1e3 * self.k_c_kn,
             k_phi=1e3 * self.k_phi_kn,
@@ -134,7 +134,7 @@ class Ruts(CarcassTyre):
         return super().structure()._replace(rolling_resistance=OWN_LOSS, bearing=bearing)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[RutsLaw, RutsLaw]:
-        """Return the law of a front tyre and the law of a rear tyre."""
+        """Return the soil strength and tyre dimensions for a front tyre and for a rear tyre."""
         c, slope = 1e3 * self.cohesion_kpa, tan(radians(self.friction_deg))
         front, rear = (
             RutsLaw(c, slope, self.shear_m, wheel.radius, self.crown_share * wheel.width, self.sliding_anisotropy)

@@ -112,11 +112,11 @@ class Soil(CarcassTyre):
                 yield f"cone_index_kpa: {soft}: the mobility number is {M:.2g}, below the valid minimum of {SOFTEST:g}"
 
     def structure(self) -> Structure:
-        """Return the parameters of carcass and patch; the rolling resistance is the internal loss [Brixius1987]."""
+        """Return the carcass and patch parameters, with the internal loss [Brixius1987] as rolling resistance."""
         return super().structure()._replace(rolling_resistance=OWN_LOSS, cone_index_pa=1e3 * self.cone_index_kpa)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[SoilLaw, SoilLaw]:
-        """Return the law of a front tyre and the law of a rear tyre."""
+        """Return the coefficients of the law for a front tyre and a rear tyre."""
         front, rear = (
             SoilLaw(w.width, 2 * w.radius, self.section_height(w), self.radial(w), self.sliding_anisotropy)
             for w in tractor.wheels

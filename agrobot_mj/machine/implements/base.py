@@ -1,8 +1,8 @@
 """Base class of implements, and the data from which a plant builds the model of the body at the hitch.
 
 `ImplementBase.hitched` returns mass, joints, wheels, tool and shapes; the kinds of implements differ only in these
-data. Positions are relative to the tractor's hitch (x ahead, y left, z up) [m], with tractor and implement in line on
-level ground. The tyres of the implement use the tyre law of the tractor's rear tyres, scaled to their size.
+data. Positions are relative to the tractor's hitch (x ahead, y left, z up) [m], with the tractor and implement in line
+on level ground. The implement's tyres use the law of the tractor's rear tyres, scaled to their size.
 """
 
 from typing import ClassVar, Literal, NamedTuple
@@ -100,11 +100,11 @@ class ImplementBase(Spec):
     """Whether the GNSS antenna is on the implement, above the working point, instead of on the tractor."""
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody | None:
-        """Return the body of the implement, or None for no implement. Raises ValueError if it cannot be mounted."""
+        """Return the body of the implement, or None for no implement. Raises ValueError for an impossible mounting."""
         raise NotImplementedError
 
     def towed(self, tractor: TractorParameters) -> TowedImplement:
-        """Return dimensions and state of the implement, as entered by the operator in the terminal of the tractor."""
+        """Return the dimensions and state of the implement, as entered by the operator in the tractor's terminal."""
         hitched = self.hitched(tractor)
         if hitched is None:
             return TowedImplement()
@@ -139,7 +139,7 @@ def sinking(tractor: TractorParameters, load: float, behind: float, at: float) -
 
 
 def wheel_loads(tractor: TractorParameters, hitched: HitchedBody | None) -> tuple[float, float]:
-    """Return the static load [N] of a front wheel and of a rear wheel on level ground, including the implement."""
+    """Return the static load [N] of a front wheel and of a rear wheel on level ground, with the implement attached."""
     down, behind = (0.0, 0.0) if hitched is None else _on_the_hitch(hitched)
     moved = down * (tractor.hitch_behind_m + behind) / tractor.wheelbase_m
     return (tractor.front_axle_load - moved) / 2, (tractor.rear_axle_load + down + moved) / 2

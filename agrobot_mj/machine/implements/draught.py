@@ -92,7 +92,7 @@ class Tool(Spec):
     texture: Texture = "medium"
     """Soil texture, which selects the factor F_i in ASABE D497."""
     draught_scale: Annotated[float, Field(ge=0, le=10)] = 1.0
-    """Factor on the draught from ASABE D497 [-]. The draught in a field is within 25-50 % of the standard."""
+    """Factor on the draught from ASABE D497 [-]. The draught in a field is within 25-50 % of the tabulated draught."""
     noise_share: Spread = 0.15
     """Standard deviation of the log-normal draught divided by the mean draught [-]. Assumed value (range 0.1-0.3)."""
     noise_length_m: Annotated[float, Field(ge=0.01, le=100)] = 0.5
@@ -103,7 +103,7 @@ class Tool(Spec):
     relaxation_m: Annotated[float, Field(ge=0.02, le=10)] = 0.4
     """Relaxation length of the lateral force [m]. Assumed value (range 0.2-1)."""
     side_limit_n: Positive = 2500.0
-    """Maximum lateral force [N], at which the soil yields. Assumed value (range 1000-5000) next to a plough share."""
+    """Maximum lateral force of the soil [N]. Assumed value (range 1000-5000 for soil next to a plough)."""
     suction_share: Annotated[float, Field(ge=0, le=2)] = 0.2
     """Downward force of the soil on the tool divided by the draught [-]. Assumed value (range 0-0.3)."""
 

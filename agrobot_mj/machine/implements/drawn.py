@@ -16,7 +16,7 @@ from agrobot_mj.machine.tractor import GRAVITY, AxleWheel, TractorParameters
 
 Length = Annotated[float, Field(gt=0, le=20)]
 YAW, SWING = radians(85.0), radians(25.0)
-"""Maximum yaw angle of the drawbar pin, and maximum pitch and roll angle, in both directions [rad]. Assumed values."""
+"""Maximum yaw angle of the drawbar pin, and maximum pitch and roll angles, to either side [rad]. Assumed values."""
 MIDDLE = (0.0, 0.0, 0.0)
 PIN = (
     Joint("hitch_yaw", (0.0, 0.0, 1.0), MIDDLE, YAW),
@@ -39,7 +39,7 @@ class Springs(NamedTuple):
     damping: float  # Vertical damping of the reference tyre [N s/m]
 
     def under(self, load: float, radius: float, stiffness: float | None, damping: float | None) -> tuple[float, float]:
-        """Return stiffness [N/m] and damping [N s/m]. Values of None are computed from `load` [N] and `radius` [m]."""
+        """Return stiffness [N/m] and damping [N s/m], by default computed from `load` [N] and `radius` [m]."""
         k = self.stiffness * (load / self.load) * (self.radius / radius) if stiffness is None else stiffness
         c = self.damping * sqrt(k / self.stiffness * (load / self.load)) if damping is None else damping
         return k, c
@@ -64,7 +64,7 @@ class Drawn(ImplementBase):
     cg_height_m: Length = 0.65
     """Height of the centre of mass above level ground [m]. Assumed value (range 0.5-1)."""
     length_m: Length = 1.8
-    """Length of the body [m]. Length, width and height determine the inertia of a box. Assumed value (range 1.5-3)."""
+    """Length of the body, whose inertia is that of a box of equal dimensions [m]. Assumed value (range 1.5-3)."""
     width_m: Length = 1.1
     """Width of the body [m]. Assumed value (range 1-1.5)."""
     height_m: Length = 0.6
@@ -80,7 +80,7 @@ class Drawn(ImplementBase):
     wheel_mass_kg: Positive = 20.0
     """Mass of one wheel [kg]. Assumed value (range 15-30)."""
     tyre_stiffness_n_m: Positive | None = None
-    """Vertical stiffness of one tyre [N/m]. Default: from static load and radius; 1.8e5 for the default implement."""
+    """Vertical stiffness of one tyre [N/m]. Default: computed from load and radius; 1.8e5 for the default implement."""
     tyre_damping_n_s_m: NonNegative | None = None
     """Vertical damping of one tyre [N s/m]. Default: 15 % of critical damping for the load on the tyre."""
     slip_stiffness_scale: Annotated[float, Field(ge=0.05, le=10)] = 1.0

@@ -1,9 +1,9 @@
 """Implement on the three-point hitch, fixed rigidly to the tractor or floating on a depth wheel.
 
 The check chains of the lower links are tight: the implement follows every yaw motion of the tractor. With the linkage
-`rigid` it also follows pitch, roll and heave; its weight, the suction of the soil and the draught load the tractor.
-With `float` the implement pitches about its virtual hitch: the intersection of the lines of upper and lower links in
-side view, ahead of the hitch. The tractor and the depth wheel share the weight.
+`rigid` the implement also follows pitch, roll and heave; its weight, the suction of the soil and the draught load the
+tractor. With `float` the implement pitches about its virtual hitch: the intersection of the lines of upper and lower
+links in side view, ahead of the hitch. The tractor and the depth wheel share the weight.
 """
 
 from math import radians
@@ -44,8 +44,7 @@ class Mounted(ImplementBase):
     cg_height_m: Length = 0.45
     """Height of the centre of mass above level ground [m]. Assumed value (range 0.3-0.6)."""
     length_m: Length = 0.9
-    """Length of the frame [m]. Length, width and height determine the inertia of a box. Assumed value (range
-    0.6-1.5)."""
+    """Length of the frame, whose inertia is that of a box of equal dimensions [m]. Assumed value (range 0.6-1.5)."""
     width_m: Length = 0.7
     """Width of the frame [m]. Assumed value (range 0.5-1.5)."""
     height_m: Length = 0.5

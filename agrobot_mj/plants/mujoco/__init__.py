@@ -1,4 +1,4 @@
-"""MuJoCo tractor. Outside this package, only extensions use MjModel and MjData."""
+"""Plant with a MuJoCo model of the tractor. Outside this package, only extensions use MjModel and MjData."""
 
 import mujoco
 

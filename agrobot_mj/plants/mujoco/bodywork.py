@@ -61,9 +61,9 @@ class Outline(NamedTuple):
     gap: float  # Minimum distance between body and wheels [m]
     inside: float  # Half the free width between the rear wheels [m]
     narrow: float
-    """Half the free width between the front wheels at full steering angle [m], negative if there is no free width."""
+    """Half the width between the steered front wheels, minus the gap [m]; negative if wheels reach the centre line."""
     between: tuple[float, float]
-    """x coordinates of the rear and front end of the space between rear wheels and steered front wheels [m]."""
+    """x coordinates of both ends of the space between the rear wheels and the steered front wheels [m]."""
     floor: float
     dash: float  # x coordinate of the bonnet's rear end [m]
     nose: float  # x coordinate of the bonnet's front end [m]

@@ -1,8 +1,8 @@
 """Compilation of the MuJoCo model of a scenario's tractor, with all feasibility checks.
 
-The running plant calls `build` first. Studies call only `build` to check their runs, without settling or kernels.
+A running plant starts with `build`. Studies check their runs by calling `build` alone, without settling or kernels.
 
-The checks include the numerical stability of tractor and implement; error messages name the key and its limit. The
+The checks include the numerical stability of the tractor and implement; error messages name the key and its limit. The
 integration is explicit in the forces of tyres and soil. A mass m on a spring k and a damper c is then stable if 2 c dt
 + k dt^2 < 4 m. For several bodies 1 / m is replaced by the maximum eigenvalue of J M^-1 J', with the inertia matrix M
 and the Jacobian J of all contact points in one direction. The constraints of the steering linkage are omitted, which is
@@ -63,14 +63,14 @@ class Sprung(NamedTuple):
 
 
 def check_stability(model: mujoco.MjModel, tyres: TyreSet, tractor: TractorParameters, tyre: TyreBase) -> None:
-    """Raise ValueError, naming the key and its limit, if the tractor's tyres are unstable at the model's time step."""
+    """Raise a ValueError with the key and its limit if the tractor's tyres are unstable at the model's time step."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     _check(model, data, _tyres(model, data, tyres, tractor, tyre), "this tractor and tyre")
 
 
 def check_implement(model: mujoco.MjModel, spec: ImplementBase, hitched: HitchedBody, parts: Attached) -> None:
-    """Raise ValueError, naming the key and its limit, if the implement is unstable at the model's time step."""
+    """Raise a ValueError with the key and its limit if the implement is unstable at the model's time step."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     _check(model, data, (*_soil(data, spec, hitched, parts), *_axle(data, spec, hitched, parts)), "this implement")
@@ -185,13 +185,13 @@ class Built(NamedTuple):
 
 
 Payloads = Sequence[tuple[int, tuple[PointMass, ...]]]
-"""Sets of point masses on the chassis, each with the index of the fault that starts or ends the set."""
+"""Sets of point masses on the chassis, each with the index of the fault whose start or end activates the set."""
 
 
 def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1, payloads: Payloads = ()) -> Built:
     """Return the compiled tractor on its ground, for physics steps of `dt` [s].
 
-    `seed` determines the variation of the implement's draught. Raises ValueError, naming the key, if the tractor is
+    `seed` determines the variation of the implement's draught. Raises a ValueError with the key if the tractor is
     numerically unstable, or if the tractor or one of the `payloads` is physically impossible.
     """
     tyres = tyre_set(tyre, machine.tractor)
@@ -211,9 +211,9 @@ def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1
 
 
 LIGHT_STEP_S, FASTEST_TURN = 0.0025, 130.0
-"""Physics step of `physics = "fast"` for light wheels [s], and angular frequency sqrt(2 k / m) of a disc that rotates
-on its tyre, above which a wheel counts as light [rad/s]. With steps of 5 ms light wheels vibrate, and a parked
-tractor creeps by 0.2 mm/s. The threshold measured on a slope of 10 deg is between 121 and 138 rad/s."""
+"""Physics step of `physics = "fast"` for light wheels [s], and angular frequency sqrt(2 k / m) above which a wheel of
+mass m and tyre stiffness k counts as light [rad/s]. With steps of 5 ms light wheels vibrate, and a parked tractor
+creeps at 0.2 mm/s. The threshold measured on a slope of 10 deg is between 121 and 138 rad/s."""
 
 
 class Mujoco(Spec):

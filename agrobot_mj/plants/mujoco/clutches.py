@@ -1,4 +1,4 @@
-"""Clutches of front-wheel drive and differential lock, which engage and release during a run, at most once per tick.
+"""Clutches of the front-wheel drive and differential lock, which engage and release in a run, at most once per tick.
 
 In MuJoCo an engaged clutch couples two angles. When a clutch engages, the offset of its coupling is set to the current
 angles to avoid a jump.
@@ -40,7 +40,7 @@ class Clutches:
         return tuple(self.model.eq_data[i, :1] for i in self.ids.values()) if self.switched else ()
 
     def reset(self) -> None:
-        """Set the offsets of the couplings to zero."""
+        """Set the angular offsets of the couplings to zero."""
         for offset in self.memories:
             offset[:] = 0.0
 

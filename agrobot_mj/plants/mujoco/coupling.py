@@ -20,7 +20,7 @@ LEFT, RIGHT = 0, 1
 
 @kernel
 def is_alone(c: Coupling) -> bool:
-    """Return whether the knuckle couplings are the only constraints, without joint friction and other equalities."""
+    """Return whether only the knuckle couplings are active: no other equality constraint and no joint friction."""
     if c.rows.size == 0:
         return False
     active = 0
@@ -51,7 +51,7 @@ def set_coupled(c: Coupling, coupled: bool) -> None:
 
 @kernel
 def power(x: float, p: float) -> float:
-    """Return `x` to the power `p`, without a call of `pow` for p = 1 and 2."""
+    """Return `x` to the power `p`, without calling `pow` for p = 1 and 2."""
     return x * x if p == 2.0 else x if p == 1.0 else float(x**p)
 
 
@@ -75,7 +75,7 @@ def impedance(solimp: Array, error: float) -> float:
 
 @kernel
 def coupled(v: Views, side: int) -> Vector:
-    """Return gear ratio from crank to knuckle, reference acceleration a_ref and regularisation R of one coupling."""
+    """Return the gear ratio from crank to knuckle, reference acceleration a_ref and regularisation R of a coupling."""
     c, i = v.coupling, v.coupling.rows[side]
     p, delta, knuckle = c.eq_data[i], v.qpos[v.steer_q], c.knuckles_v[side]
     square = delta * delta

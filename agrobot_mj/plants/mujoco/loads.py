@@ -22,7 +22,7 @@ from agrobot_mj.tyres.patch import relax
 
 GIVE = 0.03  # Distance over which the soil resistance of a tool builds up [m]. Assumed value.
 EASE = 10.0
-"""Time constant of the decay of the resistance at rest [s]. Assumed value: stuck tractors creep at 3 mm/s or less."""
+"""Time constant of the resistance's decay at rest [s]. Assumed value: stuck tractors then creep at 3 mm/s or less."""
 PULL, SIDE, BEHIND, HEIGHT, AHEAD, LEFT, CENTRE = range(7)
 HUNG = CENTRE + 3
 """Index of the last element of the load array, shape (10,), which passes all loads to the compiled loop.

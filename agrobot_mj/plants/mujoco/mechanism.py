@@ -23,7 +23,7 @@ def in_unit_of(element: mujoco.MjsBody | mujoco.MjsJoint, angle: float) -> float
 
 
 def add_mechanism(spec: mujoco.MjSpec, carrier: mujoco.MjsBody, tractor: TractorParameters) -> None:
-    """Add steering and drive to the model `spec`; `carrier` is the body to which the front knuckles are attached."""
+    """Add the steering and the drive to the model `spec`; the front knuckles are attached to the body `carrier`."""
     if spec.joint("steer") is None:
         _add_crank(carrier, tractor)
     for name, knuckle in (("ackermann_fl", "steer_fl"), ("ackermann_fr", "steer_fr")):

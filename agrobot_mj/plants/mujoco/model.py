@@ -28,7 +28,7 @@ from agrobot_mj.tyres.base import NativeContact
 
 SPIN_GYRATION_2, DIAMETER_GYRATION_2 = 0.58, 0.32
 """Squared radius of gyration of a wheel divided by its squared radius [-], about the spin axis and about a diameter.
-Assumed value: half of the mass is in the tread."""
+Assumed values, for a wheel with half of its mass in the tread."""
 
 
 def ackermann_coefficients(tractor: TractorParameters) -> Array:
@@ -46,7 +46,7 @@ STICKING = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 QUICK = (0.004, 1.0)
 """Time constant [s] and damping ratio [-] of the brake friction, chosen so that friction acts within one step."""
 FACTORS = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0)
-"""Scale factors for the typical inertias, tried in this order until the chassis is physically possible [-]."""
+"""Factors on typical inertias, tried in this order to propose inertias for an impossible chassis [-]."""
 
 
 def tractor_spec(machine: Machine) -> mujoco.MjSpec:
@@ -107,7 +107,7 @@ def _own(machine: Machine) -> mujoco.MjSpec:
 
 
 def _size_front_axle(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
-    """Scale axle, knuckles and crank: masses with the tractor's mass, inertias and dampings with mass times track^2.
+    """Scale the axle, knuckles and crank: masses with the tractor's mass, inertia and damping with mass times track^2.
 
     Without scaling, the stiff cylinder of a large machine would cause vibrations of a small crank.
     """
@@ -210,7 +210,7 @@ def _add_motors(spec: mujoco.MjSpec, tractor: TractorParameters, share: float) -
 
 
 def _complete_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, tractor: TractorParameters) -> None:
-    """Set mass, centre of mass and inertia of the chassis: complete tractor minus all other bodies."""
+    """Set the mass, centre of mass and inertia of the chassis, from the complete tractor and all other bodies."""
     cg = np.array([tractor.cg_to_rear_axle, 0, tractor.cg_height_m])
     whole = np.diag([tractor.roll_inertia_kg_m2, tractor.pitch_inertia_kg_m2, tractor.yaw_inertia_kg_m2])
     inertia = whole
@@ -237,7 +237,7 @@ def _complete_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, tractor: Tra
 
 
 def _fitting_inertia(tractor: TractorParameters, others: Array) -> str:
-    """Return a hint with inertias that a chassis can have; `others` (3, 3) is the inertia of all other bodies."""
+    """Return a proposal of physically possible inertias; `others` (3, 3) is the inertia of all other bodies."""
     usual = TractorParameters(mass_kg=tractor.mass_kg, wheelbase_m=tractor.wheelbase_m)
     moments = np.array([usual.roll_inertia_kg_m2, usual.pitch_inertia_kg_m2, usual.yaw_inertia_kg_m2])
     fitting = (f * moments for f in FACTORS if is_physical_inertia(np.diag(f * moments) - others))

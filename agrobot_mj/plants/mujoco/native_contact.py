@@ -26,7 +26,7 @@ class NativeContacts:
         self.velocity = np.zeros(6)
 
     def set_friction(self) -> None:
-        """Set the friction of each wheel geom from the ground below; it overrides the friction of the ground geom."""
+        """Set the friction of each wheel geom, with priority over the ground geom, to that of the ground below."""
         for i, (body, geom) in enumerate(zip(self.bodies, self.geoms, strict=True)):
             x, y, _ = self.data.xpos[body]
             scale, _ = surface_at(self.ground.surface, x, y)

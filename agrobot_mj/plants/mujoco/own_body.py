@@ -90,14 +90,14 @@ def _loaded(name: str) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
         spec.compiler.fusestatic = spec.compiler.discardvisual = False
         model = spec.compile()
     except Exception as error:  # MuJoCo raises various exceptions
-        raise ValueError(f"{main.name}: MuJoCo cannot read it: {' '.join(str(error).split())}") from None
+        raise ValueError(f"{main.name}: MuJoCo cannot read the file: {' '.join(str(error).split())}") from None
     if faults := contract_faults(model):
         raise ValueError("\n".join(f"{main.name}: {line}" for line in faults))
     return spec, model
 
 
 def own_spec(tractor: TractorParameters) -> mujoco.MjSpec:
-    """Return a tractor with user-defined body, steering and drive. Raises ValueError for an invalid body."""
+    """Return a tractor with a user-defined body, steering and drive. Raises ValueError for an invalid body."""
     spec, model = _loaded(tractor.mjcf or "")
     default = mujoco.MjSpec.from_file(str(MODELS / "tractor.xml"))
     _keep_masses(spec, model)

@@ -73,7 +73,7 @@ class MassProperties(NamedTuple):
 
 
 def inertial_of(posed: Posed) -> MassProperties:
-    """Return mass, centre of mass and inertia of the chassis with all attached bodies."""
+    """Return the mass, centre of mass and inertia of the chassis with all attached bodies."""
     model, data = posed.model, posed.data
     com, total = data.subtree_com[posed.chassis], np.zeros((3, 3))
     for body in range(1, model.nbody):

@@ -62,7 +62,7 @@ def _joined(bare: Inertial, payload: tuple[PointMass, ...], mass: float) -> Iner
 
 
 def check_payloads(bare: Inertial, loadings: Iterable[tuple[int, tuple[PointMass, ...]]]) -> None:
-    """Raise ValueError, naming the fault, if one of the payloads makes the chassis physically impossible."""
+    """Raise a ValueError with the key of the fault if one of the payloads makes the chassis physically impossible."""
     for k, payload in loadings:
         try:
             with_payload(bare, payload)
@@ -87,7 +87,7 @@ class Chassis:
         return m.body_mass, m.body_ipos, m.body_inertia, m.body_iquat
 
     def carry(self, payload: tuple[PointMass, ...]) -> None:
-        """Replace the payload of the chassis. Raise ValueError if the result is physically impossible."""
+        """Replace the payload of the chassis. Raises ValueError if the result is physically impossible."""
         if payload == self.payload:
             return
         for array, value in zip(self._arrays, self._values(payload), strict=True):
@@ -97,7 +97,7 @@ class Chassis:
         self.payload = payload
 
     def _values(self, payload: tuple[PointMass, ...]) -> list[Array]:
-        """Return mass, centre of mass, principal moments and axes (quaternion) of the chassis with a payload."""
+        """Return the mass, centre of mass, principal moments and axes (quaternion) of the chassis with a payload."""
         if not payload:
             return self.written
         mass, centre, inertia = with_payload(self.bare, payload)

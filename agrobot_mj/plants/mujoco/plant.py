@@ -54,7 +54,7 @@ um/s with the tyre `contact`.
 """
 OFFSET_M, PLACINGS = 0.001, 3
 """Distance from the start above which a settled tractor is placed again [m], and maximum number of placements [-]."""
-NOWHERE = (nan, nan)  # Position of the working point of a tractor without implement
+NOWHERE = (nan, nan)  # Position of the working point of a tractor without an implement
 ON_TRACTOR = Motion((nan, nan, nan), (nan, nan, nan))  # Stands for the motion of an antenna that is on the tractor
 DIVERGED_SPEED = 100.0  # Speed above which the simulation has diverged [m/s]. Assumed value.
 
@@ -178,7 +178,7 @@ class MujocoPlant(RunningPlant):
         return fetched(self.advanced(drive, conditions))
 
     def advanced(self, drive: Drive, conditions: Conditions = NOMINAL) -> Held[Truth]:
-        """Advance one tick at constant valve voltages and conditions; return a reference (`Held`) to the true state."""
+        """Advance one tick at constant valve voltages and conditions; return the true state, wrapped in `Held`."""
         if conditions != self.conditions:
             self._apply_conditions(conditions)
         if self.clutches.switched:
@@ -207,11 +207,11 @@ class MujocoPlant(RunningPlant):
             self.implement.finish_tick()
 
     def _update_bodies(self) -> None:
-        """Compute the body poses from the generalised positions, and check if the chassis is clear of the ground."""
+        """Compute body poses from the generalised positions, and test whether the chassis is clear of the ground."""
         _, self.clear = self._run(self.rig, (NEUTRAL_V, NEUTRAL_V), self.samples.shape[1], False)
 
     def _brake(self, share: float) -> None:
-        """Apply the fraction `share` [-] of the brake torque as dry friction without creep or chatter."""
+        """Apply the fraction `share` [-] of the brake torque as dry friction at the wheels, with reduced creep."""
         self.braking, stands = share, share > 0.0
         self.model.dof_frictionloss[self.spins_v] = share * self.brake_torques
         self.model.dof_invweight0[self.spins_v] = self.spin_weights * (STICKING_SPIN if stands else 1.0)
@@ -302,7 +302,7 @@ class MujocoPlant(RunningPlant):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Log columns of the implement; empty without an implement."""
+        """Log columns of the implement, or an empty tuple without an implement."""
         return COLUMNS if self.implement else ()
 
     def report(self) -> Sequence[float]:
@@ -314,7 +314,7 @@ class MujocoPlant(RunningPlant):
         return rut_map(self.ground.memory) if self.ground.memory.tiles.size else None
 
     def actuation(self) -> tuple[float, float, float]:
-        """Return steering oil flow [m3/s], steering cylinder pressure [Pa] and torque on the driven wheels [N m]."""
+        """Return the steering oil flow [m3/s], the cylinder pressure [Pa] and the torque on the driven wheels [N m]."""
         return self.motion.actuation
 
     def warnings(self) -> int:

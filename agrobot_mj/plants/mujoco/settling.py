@@ -74,7 +74,7 @@ class Tilt:
     """
 
     def __init__(self, up: Array, tick_s: float) -> None:
-        """Create the rotation from the ground normal `up` (3,); on level ground the rotation takes 0 ticks."""
+        """Create the rotation from the ground normal `up` (3,) to the vertical; it takes 0 ticks on level ground."""
         horizontal = hypot(up[0], up[1])
         self.lean = atan2(horizontal, up[2])
         self.ticks = ceil(degrees(self.lean) / TILT_DEG_S / tick_s)
@@ -97,7 +97,7 @@ class RecentMotion:
         self.begin, self.place, self.yaw = np.zeros(2), np.zeros(3), 0.0
 
     def add(self, motion: TractorMotion) -> None:
-        """Add the displacement in a tick, from the `motion` at the end of the tick."""
+        """Add the displacement during a tick, computed from the `motion` at the end of the tick."""
         at, place, yaw = self.ticks % len(self.speeds), np.array(motion.cg.place), motion.attitude[0]
         if not self.ticks:
             self.begin, self.place, self.yaw = place[:2], place - self.tick_s * np.array(motion.cg.velocity), yaw
@@ -173,7 +173,7 @@ def _motion(found: Settled, machine: Machine, where: str, along: float) -> str:
 
 
 def _held(drift: float, used: float, where: str) -> str:
-    """Describe a motion at `drift` [m/s] with locked rear wheels; `used` is the used fraction of friction [-]."""
+    """Return a text about motion at `drift` [m/s] with locked rear wheels; `used` is the used friction fraction [-]."""
     how = "slides" if drift > SLIDING else "creeps"
     shorter = "" if used > GRIPPING else "a shorter step (physics or physics_dt_s), "
     return (

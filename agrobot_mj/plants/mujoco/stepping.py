@@ -89,7 +89,7 @@ def oil_of(machine: Machine) -> Oil:
 
 
 class Actuators(NamedTuple):
-    """Models of steering valve, drive and trapped oil; their state arrays are modified in place."""
+    """Models of the steering valve, the drive and the trapped oil; the state arrays are modified in place."""
 
     oil: Oil
     valve: ValveLaw
@@ -171,7 +171,7 @@ def take_up_play(v: Views, oil: Oil, cylinder: Array, dt: float) -> None:
 
 @kernel
 def driven(v: Views, oil: Oil) -> tuple[float, float]:
-    """Return angle [rad] and rate [rad/s] of the drive: torque-weighted means over the driven wheels."""
+    """Return the angle [rad] and rate [rad/s] of the drive: torque-weighted means over the driven wheels."""
     wheel = 0.5 * (v.qpos[v.spins_q[0]] + v.qpos[v.spins_q[1]])
     speed = 0.5 * (v.qvel[v.spins_v[0]] + v.qvel[v.spins_v[1]])
     if oil.front_share > 0.0:

@@ -26,8 +26,8 @@ from agrobot_mj.terrain.grid import Ground, height_and_gradient
 from agrobot_mj.tyres.patch import CREEP_SPEED, TyreSet, relax, soft_sign
 
 AHEAD, LEFT, TRAVELLED, RESISTED, ENGAGED = range(MEMORIES := 5)
-"""Indices of a tool's state: soil deflections ahead and to the left [m], working distance [m], and in the previous step
-draught [N] and depth divided by the intended depth [-]."""
+"""Indices of a tool's state: soil deflections ahead and to the left [m] and working distance [m]; draught [N] and depth
+divided by the intended depth [-] in the previous step."""
 DRAUGHT, SIDE, DEPTH, WHEEL_LOAD = range(4)
 """Indices of an implement's report: soil draught and lateral force [N], depth [m] and depth-wheel load [N]."""
 
@@ -53,7 +53,7 @@ class Attached(NamedTuple):
 
 @kernel
 def unevenness(uneven: Array, step: float, travelled: float) -> float:
-    """Return draught divided by mean draught [-] at the working distance `travelled` [m]; the draught is periodic."""
+    """Return draught divided by mean draught [-], a periodic function of the working distance `travelled` [m]."""
     place = travelled / step
     k = floor(place)
     share, i = place - k, int(k) % uneven.size
@@ -93,7 +93,7 @@ def soil_on_tool(law: ToolLaw, uneven: float, v_x: float, v_y: float, depth: flo
 
 @kernel
 def carry_point(v: Views, body: int, at: Vector) -> tuple[Vector, Vector]:
-    """Return position [m] and velocity [m/s] in world axes of the point `at`, given in the body frame [m]."""
+    """Return the position [m] and velocity [m/s] in world axes of the point `at`, given in the body frame [m]."""
     o, c, m = v.xpos[body], v.root_com, v.cvel[body]
     place = plus((o[0], o[1], o[2]), to_world(v.xmat[body], at))
     # cvel is the velocity of the body at the tractor's centre of mass: transfer it to the point
@@ -143,7 +143,7 @@ def roll_on(v: Views, a: Attached, ground: Ground) -> None:
 
 @kernel
 def apply_tools(v: Views, a: Attached, ground: Ground, dt: float) -> None:
-    """Write the wrench of tool and depth wheel on the implement's body to `xfrc_applied`."""
+    """Write the wrench of the tool and the depth wheel on the implement's body to `xfrc_applied`."""
     v.xfrc[a.body, :] = 0.0
     if a.working:
         apply_soil(v, a, ground, dt)

@@ -18,7 +18,7 @@ class Coupling(NamedTuple):
     """Arrays of MjModel and MjData for the coupling of both knuckles to the crank; see the module `coupling`."""
 
     rows: Index
-    """Ids of the two equality constraints, shape (2,), or empty if MuJoCo's solver must compute their force."""
+    """Ids of the two equality constraints, shape (2,), or empty if MuJoCo's solver must compute the coupling forces."""
     knuckles_v: Index  # Indices of both knuckle rates in qvel, shape (2,)
     eq_active: AnyArray
     eq_data: Array
@@ -159,7 +159,7 @@ def _is_plain(model: mujoco.MjModel) -> bool:
 
 
 def _spring(model: mujoco.MjModel, row: int) -> tuple[float, float]:
-    """Return stiffness and damping of an equality constraint, computed from `solref` and `solimp` as in MuJoCo."""
+    """Return the stiffness and damping of an equality constraint, computed from `solref` and `solimp` as in MuJoCo."""
     (time, ratio), width = model.eq_solref[row], model.eq_solimp[row, 1]
     if time <= 0.0:
         return -time / width**2, -ratio / width
