@@ -51,7 +51,7 @@ def opened(log: dict[str, Any], folder: Path) -> tuple[list[Source], LogMap, Sce
 
 
 def cells(log: dict[str, Any], folder: Path) -> tuple[str, ...]:
-    """Return the table cells of a log, without release and name. An unusable log has the reason in its last cell."""
+    """Return the table cells of a log, without release and name. The last cell states why a log is unusable."""
     try:
         found = twin(*opened(log, folder), log.get("share", SHARE))
     except ScenarioError as error:

@@ -47,16 +47,17 @@ class Board(NamedTuple):
     dead_band: float = DEAD_BAND
 
     def wanted(self, angle: float) -> float:
-        """Return the potentiometer setpoint for a steering angle [rad], left positive [counts]."""
+        """Return the potentiometer setpoint [counts] for a steering angle [rad], left positive."""
         angle = min(max(angle, -LARGEST), LARGEST)
         return self.centre + angle * (self.left if angle > 0 else self.right)
 
     def bias(self, straight: float) -> float:
-        """Return the commanded angle to the right [rad] that steers straight, for a true centre `straight` [counts]."""
+        """Return the commanded angle [rad], right positive, with straight wheels, for a true centre `straight`
+        [counts]."""
         return (self.centre - straight) / (self.right if straight < self.centre else self.left)
 
     def drive(self, error: float) -> float:
-        """Return the motor drive for a steering error [counts], left positive, in counts of 255."""
+        """Return the motor drive [counts of 255] for a steering error [counts], left positive."""
         if abs(error) <= self.dead_band:
             return 0.0
         size = min(max(KP * abs(error), LEAST), MOST)
@@ -81,7 +82,7 @@ class Pursuit(NamedTuple):
     done: bool = False
 
     def after(self, x: float, y: float, yaw: float) -> "tuple[Pursuit, float]":
-        """Return the new state and the steering angle, left positive [rad], at a position [m] and heading [rad]."""
+        """Return the new state and the steering angle [rad], left positive, for a position [m] and a heading [rad]."""
         places, reach = self.waypoints[self.index :, :2], self.waypoints[self.index :, 2]
         beyond = np.flatnonzero(np.hypot(*(places - (x, y)).T) > reach)
         last = len(self.waypoints) - 1
@@ -96,14 +97,14 @@ def steady_offset(bias: float, heading: float, lookahead: float = LOOKAHEAD_M) -
     """Return the steady-state lateral offset of pure pursuit from the line, left positive [m].
 
     `bias` is the commanded angle to the right at which the wheels are straight, and `heading` the heading error to the
-    left [rad]. In steady state the lateral distance of the waypoint to the right is  y_t = L_d^2 tan(bias) / (2 L),
+    left [rad]. In steady state, the lateral distance of the waypoint to the right is y_t = L_d^2 tan(bias) / (2 L),
     which includes L_d sin(heading) from the heading error.
     """
     return lookahead**2 * tan(bias) / (2.0 * WHEELBASE_M) - lookahead * sin(heading)
 
 
 MIDDLE = (0.4, 0.8)
-"""Evaluated part of a pass, as fractions of its waypoints [-]; same as in the owner's evaluation."""
+"""Evaluated part of a pass, as fractions of its waypoints [-], as in the owner's evaluation."""
 CELL = (1e-5 / 60 * 111.32e3 * cos(radians(40.4856)), 1e-5 / 60 * 111.04e3)
 """Resolution of logged positions, east and north [m]: 1e-5 minutes at the latitude of the field."""
 POSITION_TICKS, HEADING_TICKS = 2, 4
@@ -256,7 +257,7 @@ LAG_S = 0.03
 
 
 def twin() -> Scenario:
-    """Return the scenario of the machine `riding`, with steering motor, receivers and sensors as in the logs.
+    """Return the scenario of the machine `riding` with the steering motor, receivers and sensors of the logs.
 
     A valve with a cylinder of default size represents the motor: 12 V is maximum drive to the left.
     """

@@ -1,6 +1,6 @@
 """ROS 2 controller for `agrobot-mj ros2`: pure pursuit of /path with commands on /cmd_vel.
 
-The look-ahead distance is 2.5 m, the speed 1.5 m/s.
+The look-ahead distance is 2.5 m, and the speed is 1.5 m/s.
 """
 
 from math import atan2, cos, hypot, sin

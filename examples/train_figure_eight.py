@@ -34,7 +34,7 @@ SPEED_SPREAD = np.array([0.7, 0.3])
 ELITE = 0.25
 """Fraction of the policies of a generation that determines the next distribution [-]."""
 KEPT_SPREAD = 0.03
-"""Standard deviation added in each generation, as a fraction of the initial one [-], to continue exploration."""
+"""Standard deviation added in each generation to continue exploration, divided by the initial value [-]."""
 JUDGED_SEEDS = range(9001, 9006)
 """Seeds of the final comparison, not used in training."""
 
@@ -94,7 +94,7 @@ def driven_by_pd(job):
 
 
 def judge(pool, theta, plant, duration_s):
-    """Print the errors of policy and PD law with the same noise; return the mean lateral errors by law [m]."""
+    """Print the errors of the policy and the PD law with the same noise. Return the mean lateral errors by law [m]."""
     seeds = list(JUDGED_SEEDS)
     jobs = [(theta, plant, duration_s, 0, {"overrides": {"seed": seed}}) for seed in seeds]
     ends = [info for _, info, _ in pool.map(episode, jobs)]

@@ -1,4 +1,4 @@
-"""Benchmark of the computing time: a run compared with bare MuJoCo, recording, parts of a tick, and start-up.
+"""Benchmark of computing times: run (relative to bare MuJoCo), recording, parts of a tick, and start-up.
 
 The benchmark runs in one process with compiled code in memory. The compared functions run alternately, and a ratio is
 the median of the ratios of successive runs, so that the load of the machine affects both functions. Times are processor
@@ -42,11 +42,11 @@ from agrobot_mj.tyres import Tyre
 from agrobot_mj.tyres.bearing import FIRM
 
 AIM_RATIO, AIM_RECOMMENDED_RATIO, AIM_RECORDING = 1.35, 2.0, 0.05
-"""Targets of relative times [-]: closed loop with the default and the recommended stack, and recording."""
+"""Target computing times [-]: default and recommended stack divided by bare steps, and recording divided by the run."""
 AIM_REAL_TIME, AIM_FAST, AIM_RECOMMENDED = 250.0, 600.0, 450.0
-"""Targets of simulated divided by processor time [-]: standard steps, `physics = "fast"`, and the recommended stack."""
+"""Target ratios of simulated time to processor time [-]: standard steps, `physics = "fast"`, and recommended stack."""
 AIM_TYRE, AIM_SINKING, GRID = 1.3, 1.6, 200
-"""Targets of steps with tyres divided by bare steps [-], on firm and yielding soil; number of grid nodes per side."""
+"""Target times of steps with tyres on firm and yielding soil divided by bare steps [-]; nodes per side of the grid."""
 START_UP = {"--version": 0.4, "--help": 0.4, "list": 0.4, "run circle --set duration_s=1": 1.5}
 """Targets of the wall time of short commands [s], by command line."""
 PARTS = {
@@ -56,7 +56,7 @@ PARTS = {
     "low-level loops": (Loop, "act"),
     "log": (Rows, "append"),
 }
-"""Method that performs each timed part of a tick: class and name."""
+"""Class and name of the method that performs each timed part of a tick."""
 RECOMMENDED = {
     "guidance.kind": "lqr",
     "estimator.kind": "ekf_full",
@@ -68,7 +68,7 @@ RECOMMENDED = {
 """Overrides for the recommended stack: LQR, `ekf_full`, and large physics steps."""
 UNDISTURBED = 10  # Percentile of the tick times that counts as undisturbed by other processes [%]
 HELD_STEPS, MOVING_S = 500, 12.0
-"""Number of steps after which the falling bare model restarts, and duration of the run before its start state [s]."""
+"""Number of steps before the bare model returns to its start state, and time of this state in a run [s]."""
 NO_IMPLEMENT, ROUNDS = NoImplement(), 15  # Default implement, and number of rounds of a measurement [-]
 
 
@@ -256,10 +256,7 @@ def rough_ground(nodes: int = GRID) -> Ground:
 def moving(
     tyre: Any, ground: Ground | None = None, implement: ImplementBase = NO_IMPLEMENT, settle_s: float = 3.0
 ) -> MujocoPlant:
-    """Return a slowly moving tractor on `ground`, which does not leave the ground during the measurement.
-
-    Default: rough ground.
-    """
+    """Return a slowly moving tractor that stays on `ground` (default: rough ground) during the measurement."""
     s = load_scenario("straight_line")
     machine = s.vehicle._replace(implement=implement)
     plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=settle_s), machine, ground or rough_ground())
@@ -299,7 +296,7 @@ def physics_over_bare(tyre: Any, implement: ImplementBase, repeats: int) -> floa
 def tyred_over_bare(plant: MujocoPlant, start: MujocoState) -> float:
     """Return the time of 20 plant ticks from the state `start` divided by the time of as many bare steps [-].
 
-    Each bare tick starts from a state of the plant: the bare tractor would soon tip over, with slower steps.
+    Each bare tick starts from a state of the plant; otherwise the bare tractor would tip over and slow down the steps.
     """
     kind, rest, tyred, bare = mujoco.mjtState.mjSTATE_INTEGRATION, Drive(NEUTRAL_V, NEUTRAL_V), 0.0, 0.0
     begins = np.empty((20, mujoco.mj_stateSize(plant.model, kind)))

@@ -115,7 +115,7 @@ def files(programs: Path) -> dict[str, bytes]:
 
 
 def table(wheel: Path, python: str, folder: Path) -> list[str]:
-    """Return lines with the sizes of each dependency, with its new requirements, and of each extra [MB]."""
+    """Return lines with the size of each dependency and extra [MB], including requirements that are not yet counted."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     rows, whole = dict[str, float](), 0.0
     for needed in (*project["dependencies"], str(wheel)):

@@ -1,4 +1,4 @@
-"""Check without network that pyproject.toml, uv.lock and the exported files agree; the status is 1 for a difference."""
+"""Check offline that pyproject.toml, uv.lock and the exported files agree; the exit status is 1 if they differ."""
 
 import re
 import sys

@@ -24,7 +24,7 @@ Keys = dict[str, Any]
 
 
 class GroundCase(NamedTuple):
-    """Test case with its ground or load; `overrides` is a function of the drive's seed and a folder for height maps."""
+    """Test case with a ground or a load; `overrides` is a function of the drive's seed and a folder for height maps."""
 
     name: str
     scenario: str

@@ -140,7 +140,7 @@ def section(name: str, logs: dict[str, Log]) -> str:
 
 
 def passes(logs: dict[str, Log]) -> list[str]:
-    """Return the lines of a table with errors on the passes of a field; empty without passes."""
+    """Return the lines of a table with errors on the passes of a field, or an empty list without passes."""
     found = {kind: log.metrics.get("iso_12188_2_style") for kind, log in logs.items()}
     rows = [
         (law_name(kind), f"{m['pass_to_pass_p95_m']:.3f}", f"{m['pass_xte_abs_p95_m']:.3f}")
@@ -151,7 +151,7 @@ def passes(logs: dict[str, Log]) -> list[str]:
 
 
 def implements(logs: dict[str, Log]) -> list[str]:
-    """Return the lines of a table with errors of the implements relative to the path; empty without implements."""
+    """Return the lines of a table with implement errors relative to the path, or an empty list without implements."""
     rows = [
         (
             *(law_name(kind), f"{m['implement_xte_rms']:.3f}", f"{m['implement_xte_abs_p95']:.3f}"),
@@ -165,7 +165,7 @@ def implements(logs: dict[str, Log]) -> list[str]:
 
 
 def with_heads(heads: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
-    """Return an empty line and a table with the headings `heads`; empty if there are no rows."""
+    """Return an empty line and a table with the headings `heads`, or an empty list without rows."""
     return ["", markdown_table(heads, rows)] if rows else []
 
 

@@ -27,7 +27,7 @@ from agrobot_mj.sensors import Sensors
 from agrobot_mj.simulation.columns import SIGNALS, WHEEL_SIGNALS
 
 NUMBERS = re.compile(r"<!-- (numbers of (\[\[?)([\w.]+)\]\]?((?: \w+)*)) -->")
-"""Pattern of the comment that marks a table of numbers: `[table]`, or `[[table]]` for a list, and kinds."""
+"""Pattern of the comment before a table of numbers: scenario table `[table]`, or `[[table]]` for a list, and kinds."""
 HELPERS = {"sensors": {name: {"enabled": True} for name in ("gyro", "imu", "wheel_speed")}}
 """Overrides that enable the sensors required by estimators."""
 HEAD = """# Columns of signals.parquet
@@ -109,7 +109,7 @@ class Number(NamedTuple):
 
 
 def numbers_in(text: str) -> dict[str, list[Number]]:
-    """Return the numeric keys for each table of numbers whose mark is in the page."""
+    """Return the numeric keys for each table of numbers that a comment on the page marks."""
     marks, seen = NUMBERS.findall(text), set[tuple[str, str]]()
     apart, tables = {table for _, _, table, _ in marks}, dict[str, list[Number]]()
     for name, brackets, table, kinds in marks:
@@ -131,7 +131,7 @@ def with_numbers(text: str) -> str:
 
 
 def _default(brackets: str, table: str, kind: str) -> Any:
-    """Return the part of the default scenario to which a mark of a table of numbers refers."""
+    """Return the part of the default scenario to which the comment of a table of numbers (`NUMBERS`) refers."""
     tables, item = table.split("."), {"kind": kind} if kind else {}
     inner: Any = [item] if brackets == "[[" else item
     data: Any = reduce(lambda below, name: {name: below}, reversed(tables), inner)
@@ -140,7 +140,7 @@ def _default(brackets: str, table: str, kind: str) -> Any:
 
 
 def _numbers(part: Spec, prefix: str, table: str, apart: set[str]) -> Iterator[Number]:
-    """Yield the numeric keys with a source in a part and its nested tables, except tables with kinds or marks."""
+    """Yield numeric keys with a source from a table and its nested tables without kinds or a separate page table."""
     place = TableClass((), type(part), part)
     for key in type(part).model_fields:
         value, doc = getattr(part, key), document(place, key)
@@ -197,7 +197,7 @@ def sweeps_table() -> str:
 
 
 def _varied(data: dict[str, Any]) -> Iterator[str]:
-    """Yield texts with the variants, axes and draws of a sweep, and their numbers of values."""
+    """Yield a text for the variants, for each axis and for the random keys of a sweep, with numbers of values."""
     if variants := data.get("variant"):
         yield f"{len(variants)} variant{'s' * (len(variants) > 1)}"
     for key, values in data.get("axes", {}).items():

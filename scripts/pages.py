@@ -1,8 +1,7 @@
 """Write the measured blocks of the documentation: python scripts/pages.py PAGE [PART ...] [--only-draw] ...
 
-The script performs missing runs, draws the figures, and writes tables with version, commit and source hash to the
-pages. The same command continues after an interruption. PAGE is a target of the Makefile; `PAGE --help` lists its
-parts.
+The script simulates missing runs, draws figures, and writes tables with the version, commit and source hash to pages.
+The same command continues after an interruption. PAGE is a target of the Makefile; `PAGE --help` lists its parts.
 """
 
 import sys

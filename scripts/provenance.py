@@ -30,7 +30,7 @@ STATEMENT = re.compile(
 
 
 def statement() -> str:
-    """Return a sentence with version, commit and source hash of the checkout, which also states uncommitted changes."""
+    """Return a sentence with the version, commit and source hash of the checkout and a note on uncommitted changes."""
     git = partial(subprocess.run, cwd=ROOT, capture_output=True, text=True)
     commit = git(("git", "rev-parse", "--short=9", "HEAD"), check=True).stdout.strip()
     changed = git(("git", "diff", "--quiet", "HEAD", "--", *PARTS)).returncode
@@ -47,7 +47,7 @@ def present_code() -> str:
 
 @cache
 def code_of(commit: str) -> str:
-    """Return the source hash of a commit (12 hexadecimal digits). Raises `subprocess.CalledProcessError` if missing."""
+    """Return the source hash of a commit (12 hexadecimal digits). Raises `CalledProcessError` for an unknown commit."""
     archive = subprocess.run(("git", "archive", commit, *PARTS), cwd=ROOT, capture_output=True, check=True).stdout
     with tarfile.open(fileobj=io.BytesIO(archive)) as tar:
         return digest_of((each.name, tar.extractfile(each).read()) for each in tar if each.isfile())

@@ -1,4 +1,4 @@
-"""Recorded drives, and evaluation of estimators on them.
+"""Recorded drives for the evaluation of estimators.
 
 A drive consists of the true states of a run. To evaluate an estimator, sensors with other seeds measure these states
 again, at a tenth of the computing time of a run. Gyro, wheel speed and inertial unit are enabled, with the errors in

@@ -66,8 +66,8 @@ class Study:
     def rows(self, name: str, source: str | None = None, **changes: Any) -> list[Row]:
         """Return the rows of the sweep `source` (default: `name`) after simulating missing runs.
 
-        `changes` replace keys of the sweep file. The list is empty if runs are missing and must not be simulated. If
-        rows have another source hash, the program ends.
+        `changes` replaces keys of the sweep file. The list is empty if runs are missing and must not be simulated. If
+        rows were computed with other code, the program ends.
         """
         folder = self.runs / name
         if not self.only_draw:

@@ -56,7 +56,7 @@ def has_room(row: Row) -> bool:
 
 
 def acquired(row: Row) -> dict[tuple[float, ...], float]:
-    """Return the acquisition time of a run [s], by start (speed, offset, heading); empty without acquisition."""
+    """Return the acquisition time of a run [s] by start (speed, offset, heading), or an empty dict if not acquired."""
     seconds = error_of(row, "acquisition.acquired_s")
     return {} if seconds is None else {tuple(row[key] for key in START): seconds}
 

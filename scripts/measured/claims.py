@@ -1,8 +1,8 @@
 """Claims of the paper on its figure eight, with one factor varied at a time (sweeps `claims` and `claims_*`).
 
 A claim is *confirmed* if its confidence interval supports it on both plants and the null models do not show the same
-effect. It is *qualified* if the null models show the effect or the claim holds only in some cases, and *refuted* if the
-claim holds in no case.
+effect. A claim is *qualified* if the null models show the effect or the claim holds only in some cases, and *refuted*
+if the claim holds in no case.
 
 A row contains the study (name of the sweep after `claims`, or `paper`), plant, law, and `x`, the value of the varied
 factor. The laws are the laws of the paper, null models and a PI controller, all with the paper's kinematic law and
@@ -30,11 +30,11 @@ STUDIES = {"paper": "claims", **{name: f"claims_{name}" for name in ("noise", "s
 SIGMAS: list[float] = shipped("claims_noise")["axes"]["sensors.gnss.sigma_m"]
 """Standard deviations of the position in the noise study [m]. The paper's receiver has 0.02."""
 TURNS = range(1, 1 + shipped("claims_settling")["set"]["path.turns"])
-"""Numbers of the turns in the study of the parameter q of the type-2 network."""
+"""Numbers of the turns of the figure eight in the study of the parameter q of the type-2 network."""
 CONFIRMED, QUALIFIED, REFUTED = "confirmed", "qualified", "refuted"
 PAPER_RATIO, ROBUST = 0.70, 1.5
-"""Error with the network divided by the error with PD on the real tractor, as in the paper [-], and maximum error on
-the softest soil divided by the error on the firmest soil for a robust law [-]."""
+"""Ratio of the errors with the network and with PD on the real tractor, from the paper [-], and maximum ratio of the
+errors on the softest and on the firmest soil for a robust law [-]."""
 
 
 def path_name(path: dict[str, Any]) -> str:
@@ -87,7 +87,7 @@ MSE, XTE = field("lateral_mse"), field("xte_rms")
 
 
 def turn(name: str, number: int, factor: float = 1.0) -> Value:
-    """Return a function that reads the value `name` in a turn (from 1) from a row, multiplied by `factor`."""
+    """Return a function that reads the value `name` of a turn (from 1) from a row and multiplies it by `factor`."""
     if name == "lateral_mse":
         return lambda row: float(row["per_turn"][number - 1][name])
     return lambda row: factor * float(row[name][number - 1])
@@ -105,13 +105,13 @@ class Claims:
     def over(
         self, other: str, plant: str, law: str, study: str = "paper", x: Any = 0.0, value: Value = MSE
     ) -> Estimate:
-        """Return the value of a law (default: lateral mean square error) divided by the value of the law `other`."""
+        """Return `value` (default: lateral mean square error) of a law divided by `value` of the law `other`."""
         return ratio(*(by_seed(self._runs(plant, each, study, x), value) for each in (law, other)))
 
     def second_turn(
         self, plant: str, law: str, study: str = "paper", x: Any = 0.0, name: str = "lateral_mse"
     ) -> Estimate:
-        """Return the value in the second turn divided by the value in the first turn."""
+        """Return the value of `name` in the second turn divided by the value in the first turn."""
         runs = self._runs(plant, law, study, x)
         return ratio(*(by_seed(runs, turn(name, number)) for number in (2, 1)))
 

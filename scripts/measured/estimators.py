@@ -76,7 +76,7 @@ def loop(study: Study) -> Blocks:
 
 
 def short(value: float) -> str:
-    """Return a number as text with three significant digits, without decimals from 1000; NaN gives an empty string."""
+    """Return a number as text with three significant digits, or as an integer from 1000; NaN gives an empty text."""
     return "" if np.isnan(value) else f"{value:.3g}" if value < 1000 else f"{value:.0f}"
 
 
@@ -101,7 +101,7 @@ def loop_numbers(run: KeptRun) -> list[float]:
 
 
 def of_interest(case: str, keys: Row) -> bool:
-    """Return whether the table has a row: tilt compensation only on slopes, `swing_filter_s` only on rough ground."""
+    """Return whether the table has a row for `keys`: tilt compensation on slopes, swing filter on rough ground."""
     if "swing_filter_s" in keys:
         return "rough" in case
     return "slope" in case or ("terrain_compensation" not in keys and (len(keys) == 1 or "rough" not in case))

@@ -1,6 +1,6 @@
 """Tables of docs/extensions/fields/field_studies.md: headland turns, and area effects of guidance errors on fields.
 
-The default sizes are the sizes on the page; `--full` runs the full size (days on one core).
+The default size of a study is the size on the page; `--full` runs the full size (days on one core).
 """
 
 import json
@@ -65,7 +65,7 @@ CONDITIONS: dict[str, tuple[Keys, Keys]] = {
     "slope of 6 deg": ((), SLOPE),
     "worn valve": ((), VALVES["worn"]),
 }
-"""Conditions on the rectangular field: overrides known to the plan, and overrides applied only in the simulation."""
+"""Conditions on the rectangular field: overrides used in the plan, and overrides used only in the simulation."""
 PUBLIC = {"Dutch, 3.59 ha": "test.json", "Estonian, three holes": "ee_field_130.wkt"}
 """Field files in the source package of Fields2Cover, by field name."""
 OWN = {
@@ -74,7 +74,7 @@ OWN = {
         [(-110, -70), (90, -85), (110, 20), (60, 75), (-95, 70)], [[(-8, -6), (8, -6), (8, 6), (-8, 6)]]
     ),
 }
-"""Boundaries of the other fields, 1.5 and 2.9 ha [m]."""
+"""Boundaries [m] of the other fields; their areas are 1.5 and 2.9 ha."""
 OVERLAPS_M = (0.0, 0.05, 0.1, 0.2, 0.3)
 """Planned overlaps [m]: working width minus distance between passes."""
 LEAST_PERCENT = 0.05  # Minimum decrease of the missed area for which a break-even ratio is stated [percentage points]
@@ -115,7 +115,7 @@ class Drive(NamedTuple):
 
 
 def driven(field: Field, drive: Drive, options: Options, keys: Keys) -> tuple[Log, FieldDrive]:
-    """Plan a field without the overrides `keys`, simulate the plan with them, and return log and evaluation."""
+    """Plan a field without the overrides `keys`, simulate the plan with them, and return the log and the evaluation."""
     known = dict(drive.keys)
     path = {"transition": "none" if options.turn == "omega" else "clothoid", "speed_m_s": 2.0}
     base = planning_scenario(field.name, path, known)
@@ -180,7 +180,7 @@ def headlands(study: Study) -> Blocks:
 
 
 def public_fields(folder: Path) -> dict[str, Path]:
-    """Return the field files in a source package on PyPI by name; empty if the package is not available."""
+    """Return the field files in a source package on PyPI by name, or an empty dict if the package is not available."""
     if not list(folder.glob("fields2cover-*.tar.gz")):
         pip, tools = [sys.executable, "-m", "pip", "-q"], folder / "tools"
         source = ("--no-deps", "--no-binary", ":all:", "--no-build-isolation", "--dest", str(folder), "fields2cover")
@@ -198,7 +198,7 @@ def public_fields(folder: Path) -> dict[str, Path]:
 def worked(job: tuple[Drive, str, Keys]) -> Row:
     """Simulate the work on a scaled field; return overlapped and missed area for each planned overlap [%].
 
-    `job` is the drive, the file of the field (may be empty), and overrides unknown to the plan.
+    `job` contains the drive, the field file (may be empty), and overrides not used in the plan.
     """
     drive, file, unknown = job
     field = read_field(Path(file)) if file else Field(drive.place, OWN[drive.place])
@@ -270,7 +270,7 @@ def guidance(study: Study) -> Blocks:
 
 
 def _beyond(rows: Sequence[Row]) -> str:
-    """Return a cell: quantile of the distance beyond the planned depth with its interval, and number of failed runs."""
+    """Return a table cell with a quantile of the distance beyond the planned depth, its interval and failed runs."""
     good = [reach - row["planned"] for row in rows if row["expected"] for reach in row["reach"]]
     done = sum(row["expected"] for row in rows)
     lost = f"{len(rows) - done} of {len(rows)} failed"
@@ -284,7 +284,7 @@ def _beyond(rows: Sequence[Row]) -> str:
 
 
 def _mean(values: Sequence[float]) -> str:
-    """Return a cell: mean and half width of its confidence interval."""
+    """Return a table cell with the mean and the half width of its confidence interval."""
     if len(values) < 2:
         return "-"
     low, high = student_interval(values, CONFIDENCE)

@@ -36,7 +36,7 @@ def claims(study: Study) -> Blocks:
 
 
 def ablation(study: Study) -> Blocks:
-    """Return a table of network variants: lateral mean square error per turn, and ratio to the network as printed."""
+    """Return a table of network variants: lateral mean square error per turn, and ratio to the network of the paper."""
     rows = study.rows("ablation")
     lines = [
         (variant, *(cell for plant in PLANTS for cell in _ablated(select(rows, **{"plant.kind": plant}), variant)))
@@ -48,7 +48,7 @@ def ablation(study: Study) -> Blocks:
 
 
 def _ablated(rows: Sequence[Row], variant: str) -> list[str]:
-    """Return the cells of a variant on one plant: errors in both turns, and ratio to the network as printed."""
+    """Return the cells of a variant on one plant: errors in both turns, and ratio to the network of the paper."""
     runs, printed = select(rows, variant=variant), select(rows, variant=PRINTED)
     turns = [mean(runs, turn("lateral_mse", number)).short(4) for number in (1, 2)]
     over = ratio(*(by_seed(some, field("lateral_mse")) for some in (runs, printed))).text()

@@ -16,7 +16,7 @@ CASES: dict[str, dict[str, dict[str, Any]]] = tomllib.loads(Path(__file__).with_
 
 
 def learners(study: Study) -> Blocks:
-    """Return tables of errors per lap with a wrong model, and of paired differences of the learning law to others."""
+    """Return tables of errors per lap with a wrong model, and of paired differences from the learning law."""
     return {
         case: compared(study, "learners_" + case.split(",")[0].replace(" ", "_"), "learners", changes)
         for case, changes in CASES["learners"].items()
@@ -32,7 +32,7 @@ def behind(study: Study) -> Blocks:
 
 
 def compared(study: Study, name: str, sweep: str, changes: dict[str, Any]) -> str:
-    """Return a table of means per law in a modified sweep, and of paired differences to the learning law."""
+    """Return a table of means per law in a modified sweep, and of paired differences from the learning law."""
     common, whole = shipped(sweep)["set"], sweep == "learners"
     if "base" in changes:
         common = {key: value for key, value in common.items() if not key.startswith(("path.", "implement."))}
@@ -44,7 +44,7 @@ def compared(study: Study, name: str, sweep: str, changes: dict[str, Any]) -> st
 
 
 def implement_numbers(run_row: Row, run: KeptRun) -> Row:
-    """Return a row with added errors of implement and tractor: per lap, or per pair of passes."""
+    """Return a row extended by errors of the implement and tractor, per lap or per pair of passes [cm]."""
     view = RunView(run)
     there, ours = view.beside_path("implement_x", "implement_y").offset, view.cg_on_path.offset
     if hasattr(run.scenario.path, "passes_s"):
@@ -59,13 +59,13 @@ def implement_numbers(run_row: Row, run: KeptRun) -> Row:
 
 
 def compared_numbers(row: Row, run: KeptRun) -> Row:
-    """Return a row with added errors per turn [cm] and total steering travel [deg]."""
+    """Return a row extended by errors per turn [cm] and the total steering travel [deg]."""
     travel = float(np.degrees(np.abs(np.diff(run.column("steer"))).sum()))
     errors = {f"turn {turn['turn']} [cm]": 100 * turn["xte_rms"] for turn in row["per_turn"]}
     return {**row, **errors, "steering travel [deg]": travel}
 
 
 def columns(rows: Sequence[Row]) -> dict[str, dict[str, dict[int, float]]]:
-    """Return the measured values of rows by quantity, by law and by seed."""
+    """Return the values of the columns in cm and deg, by column, by law and by seed."""
     measures = dict.fromkeys(name for row in rows for name in row if name.endswith(("[cm]", "[deg]")))
     return {name: by_law(rows, field(name)) for name in measures}

@@ -45,7 +45,7 @@ def by_length() -> dict[float, float]:
 
 
 def by_runs() -> dict[float, float]:
-    """Return the processor time per one-minute bicycle run [s], by number of runs in a process, with its start."""
+    """Return the processor time per one-minute bicycle run [s], with process start, by number of runs in a process."""
     found = {}
     for n in RUNS:
         with tempfile.TemporaryDirectory() as folder:

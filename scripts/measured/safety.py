@@ -17,7 +17,7 @@ from agrobot_mj.metrics.safety import OFF_M
 HEADS = ("failure", "runs", "stopped", "after [s]", "off the path at the end [m]", "largest [m]")
 HEADS += ("speed divided by command", "reason")
 FASTEST, LATE_S, FAR_M = 1.5, 5.0, 2.0
-"""Limits: speed divided by command [-]; time [s] and distance [m] off its path within which a tractor must stop."""
+"""Limits: speed divided by its command [-]; time [s] and distance off the path [m] within which a tractor must stop."""
 BARS = {
     "fast": f"faster than {FASTEST} x its command",
     "far": f"farther off than {FAR_M:g} m and later than {LATE_S:g} s",

@@ -26,7 +26,7 @@ from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
 UNTIL = "xte_abs_p95 > 0.5 or outcome != completed"
 SEEDS = 3
-"""Maximum number of runs at an intermediate value of a search; the two reported values have ten runs."""
+"""Maximum number of runs at an intermediate value of a search; ten runs are made at each of the two reported values."""
 COMMON = {"supervisor.enabled": False, "path.turns": 2, "duration_s": 75.0}
 FITTED = {
     "estimator.kind": "ekf_full",
@@ -90,7 +90,7 @@ def search(job: tuple[str, Hardship], seeds: int = SEEDS) -> Row:
 
 
 def survived(row: Row) -> tuple[float | None, bool]:
-    """Return the most severe value without failure (None if there is none), and whether it is the end of the range."""
+    """Return the most severe value without failure (or None), and whether this value is the end of the range."""
     held = list(takewhile(lambda tried: tried["holds"], row["tried"]))
     return held[-1]["value"] if held else None, len(held) == len(row["tried"])
 
@@ -143,7 +143,7 @@ def _cell(row: Row, hard: Hardship) -> str:
 def survival_figure(rows: Sequence[Row]) -> Figure:
     """Draw a panel per condition with the limit of each law; grey bars are limits without the condition.
 
-    An arrow marks a law without failure up to the end of the range, a cross a law that fails at the start.
+    An arrow marks a law without failure up to the end of the range, and a cross marks a law that fails at the start.
     """
     figure = Figure((2 * PANEL_WIDTH_IN, 4.2), layout="constrained")
     grid = figure.subplots(2, 3, sharey=True)

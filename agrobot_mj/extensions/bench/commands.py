@@ -1,4 +1,4 @@
-"""Commands of the test bench: tyre rig, validation manoeuvres, data sheets."""
+"""Commands of the test bench: tyre rig, validation manoeuvres and data sheets."""
 
 import sys
 from pathlib import Path

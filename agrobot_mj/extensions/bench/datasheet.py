@@ -1,9 +1,9 @@
-"""Data sheet of a machine without implement, measured in the simulator on firm ground, as on a proving ground.
+"""Data sheet of a machine without an implement, measured in the simulator on firm ground, as on a proving ground.
 
 Loads are measured at standstill. The turning circle refers to the centre of the rear axle at full lock and crawling
 speed. The steering rate is measured at full voltage while rolling, the understeer gradient as in ISO 4138 on a circle
-of 20 wheelbases. The tip-over angle is measured by raising one side on ground with sufficient grip. Brake and drive are
-tested on a slope that increases until the machine rolls off or cannot climb.
+of 20 wheelbases. The tip-over angle is measured by raising one side on ground with sufficient grip. The brake and the
+drive are tested on a slope that increases until the machine rolls off or cannot climb.
 
 Each parameter of a machine has a basis: measured, printed, identified or assumed. The basis of a key in the machine
 file is the first word of its comment, or of the comment above if the key has no comment. For a key that is not set in
@@ -35,20 +35,20 @@ from agrobot_mj.tyres.patch import LOAD
 
 LEVEL = Flat().ground()
 CREEPING_M_S, ROLLING_M_S, SLIPPING_M_S = 0.5, 1.0, 0.005
-"""Maximum speeds in turning and climbing tests and in the steering test, and minimum speed of slipping braked wheels
-[m/s]. Before both axles slip, one axle may move at 1-4 mm/s while the other tyres deflect."""
+"""Maximum speed of the turning and climbing tests, maximum speed of the steering test, and minimum speed of slipping
+braked wheels [m/s]. While one axle slips and the tyres of the other axle only deflect, the speed is 1-4 mm/s."""
 CIRCLE_WHEELBASES, FASTEST_M_S = 20.0, 4.0
 """Radius of the circle for the understeer gradient [wheelbases], and maximum speed on this circle [m/s]. The speed is
-at most 0.8 of the top speed."""
+also limited to 80 % of the top speed of the machine."""
 QUICKLY_DEG_S, SLOWLY_DEG_S, SLOWLY_FROM_DEG = 4.0, 0.25, 15.0
 """Rates at which the test slope increases below and above `SLOWLY_FROM_DEG` [deg/s], and this slope [deg]."""
 CLIMBING = 0.7
-"""Fraction of the initial speed below which a machine fails to climb, because its wheels slip too much [-]."""
+"""Fraction of the initial speed below which a machine counts as unable to climb the slope [-]."""
 STEADY_S = 10.0  # Time at constant pedal position until oscillations of the crawling machine have decayed [s]
 
 
 class Measured(NamedTuple):
-    """Measured quantity in a line of a data sheet."""
+    """Measured quantity, which is one line of a data sheet."""
 
     name: str
     value: float  # Measured value [`unit`]
@@ -56,7 +56,7 @@ class Measured(NamedTuple):
 
     @property
     def written(self) -> dict[str, str | float | None]:
-        """Fields of the line as JSON values, with six significant digits. A missing value is None."""
+        """Fields of the data-sheet line as JSON values, with six significant digits. A missing value is None."""
         return {**self._asdict(), "value": float(f"{self.value:.6g}") if isfinite(self.value) else None}
 
 
@@ -226,7 +226,7 @@ def basis_of(comment: str) -> str:
 
 
 def of_default(part: Spec, name: str) -> str:
-    """Return the basis of a default value, from the docstring of its key. Scaled default values are assumed."""
+    """Return the basis of a default value, from the docstring of its key. The basis of scaled values is "assumed"."""
     text, default = type(part).describe(name), type(part).model_fields[name].default
     if "Assumed value" in text or name in part.sized or getattr(part, name) != default:
         return "assumed"

@@ -4,8 +4,8 @@ The static valve map for steering to side i (left, right) outside the dead band 
 gain g_i. The spool voltage v is computed from the commanded voltage with the delay and lag given by the keys.
 
 Each time segment in which v stays outside the dead band of one side gives one equation for g_i and g_i d_i. Both
-parameters are updated with a forgetting factor and limited to bounds. The equation does not hold if the wheels hardly
-turned in the segment, or turned with v inside the dead band. In these cases only d_i is changed, by a small amount.
+parameters are updated with a forgetting factor and are limited. The equation does not hold if the wheels hardly turn in
+the segment, or turn while v is inside the dead band. In these cases only d_i is changed, by a small amount.
 
 The command is found by inverting the map for the rate that corrects the error within `answer_s`. The error refers to
 the angle predicted for the end of the valve delay, because voltages already commanded are still effective until then.
@@ -29,8 +29,8 @@ from agrobot_mj.extensions.learners.learning import require_quantity
 GAIN_SHARES, WIDEST_V = (0.15, 4.0), 3.0
 """Range of gain divided by initial gain [-], and maximum dead band [V]. Assumed values, from worn to fast valves."""
 SHORTEST_S, LONGEST_S = 0.2, 0.4
-"""Minimum and maximum duration of a time segment used for learning [s]. Assumed values, for which `NOISE` causes a rate
-noise of 0.7 and 0.35 deg/s."""
+"""Minimum and maximum duration of a time segment used for learning [s]. Assumed values, for which `NOISE` causes
+steering-rate noise of 0.7 and 0.35 deg/s."""
 SLOWEST_V, FASTEST_V = 0.05, 3.5
 """Minimum and maximum spool voltage for learning [V]. Assumed values: lower voltages are inside the dead band, higher
 voltages reach the pump limit."""
@@ -39,8 +39,8 @@ UNSURE = (0.5, 0.5)
 NOISE = radians(0.1)
 """Standard deviation of the angle at segment ends [rad]. Assumed value for the mean of 100 potentiometer samples."""
 MOVING, SHIFT = radians(1.0), 0.2
-"""Minimum mean steering rate of turning wheels in a time segment [rad/s], and fraction of the rate error by which the
-dead-band offset is shifted at lower rates [-]. Assumed values: the minimum rate is about twice the rate noise."""
+"""Mean steering rate above which the wheels count as turning in a time segment [rad/s], and fraction of the rate error
+by which the dead-band offset is shifted at lower rates [-]. Assumed values: the rate is about twice its noise."""
 MOST = radians(6.0)  # Maximum rate error used in an update [rad/s], which limits the effect of outliers. Assumed value.
 JUDGED, TRUST = 30.0, 1.5
 """Number of time segments over which the errors of the learned and initial map are averaged, and maximum ratio of these
@@ -54,7 +54,7 @@ class Side(NamedTuple):
     gain: float  # Gain g [rad/(s V)]
     offset: float  # Product of gain and dead band, g d [rad/s]
     P: tuple[float, float, float]
-    """Covariance of gain and offset: elements (gain, gain), (gain, offset) and (offset, offset)."""
+    """Covariance matrix of gain and offset, as elements (gain, gain), (gain, offset) and (offset, offset)."""
 
     @property
     def dead_band(self) -> float:
@@ -67,7 +67,7 @@ class Side(NamedTuple):
 
 
 class Stretch(NamedTuple):
-    """Time segment in which the spool voltage stays on one side, and either inside or outside the dead band."""
+    """Time segment in which the spool stays on one side of neutral, and either inside or outside the dead band."""
 
     side: int = 0  # Side of the valve: 1 left, -1 right, 0 none
     beyond: bool = False  # Whether the spool was outside the estimated dead band
@@ -80,7 +80,7 @@ class AdaptiveState(NamedTuple):
     """State of the steering loop `AdaptiveLoop` between two ticks."""
 
     sides: tuple[Side, Side]  # Learned parameters of the left and the right side
-    reference: float = 0.0  # Present setpoint of the steering angle [rad]
+    reference: float = 0.0  # Current setpoint of the steering angle [rad]
     under_way: tuple[float, ...] = ()
     """Commanded voltages relative to neutral that have not yet passed the valve delay [V], oldest first."""
     spool: float = 0.0  # Voltage at the spool relative to neutral [V]
@@ -97,7 +97,7 @@ class AdaptiveLoop(AngleLoop):
 
     kind: Literal["adaptive"] = "adaptive"
     gain_deg_s_v: Positive = 6.0
-    """Initial valve gain for both sides [deg/(s V)]. Assumed value: 6-7 applies to the default valve and cylinder."""
+    """Initial valve gain for both sides [deg/(s V)]. Assumed value: default valve and cylinder give 6-7 deg/(s V)."""
     dead_band_v: Annotated[float, Field(ge=0, le=WIDEST_V)] = 0.3
     """Initial dead band for both sides [V]. Assumed value. Values above the true dead band cause oscillation."""
     delay_s: Latency = 0.1
@@ -122,7 +122,7 @@ class AdaptiveLoop(AngleLoop):
             require_quantity(self.file, *_quantities())
 
     def init(self) -> AdaptiveState:
-        """Return the state at rest, with the valve map from `file` or from the keys."""
+        """Return the initial state of the loop, with the valve map from `file` or from the keys."""
         first = self._first()
         if self.file is not None:
             known = read_learned(self.file)

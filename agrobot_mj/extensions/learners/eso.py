@@ -9,7 +9,7 @@ effective wheelbase L are those of the inner law; u is the speed, w the yaw rate
 An observer with two poles at -omega estimates each disturbance from the difference of a measured error y and its
 observed value z: z' = ... + 2 omega (y - z), and the derivative of the disturbance is omega^2 (y - z) / u. The inner
 law acts on the course error e + b instead of the heading error e, so that a crab angle causes no offset. -L d is added
-to the command. Structure: [Han2009].
+to the command. The structure is that of [Han2009].
 """
 
 from collections.abc import Sequence
@@ -48,7 +48,7 @@ class Eso(Following):
     kind: Literal["eso"] = "eso"
     label: ClassVar = "observer (ESO)"
     inner: Annotated[Stanley | Lqr, Field(discriminator="kind")] = Stanley(integral_per_m=0.0)
-    """Inner law, selected by its own `kind`. Keys that `eso` also has must be set in `eso`."""
+    """Inner law, selected by its own `kind`. Keys that both laws have must be set in `eso`."""
     bandwidth_per_s: Annotated[float, Field(gt=0, le=5)] = 0.5
     """Bandwidth omega of the observer [1/s]. Assumed value (range 0.2-1): a quarter of the bandwidth of the path loop.
     At higher values, the observer reacts to the lag of the steering."""

@@ -24,7 +24,7 @@ from agrobot_mj.extensions.learners.learning import ANGLE_COLUMNS, AngleLearner,
 
 SETTLED_M = 10.0
 """Distance without learning after a tick that is unsuitable for learning [m]. Assumed value (range 6-15): the tractor
-returns to the path in this distance. Its corrections there repeat after every tight turn, but no map removes them.
+returns to the path in this distance. A map cannot remove the corrections that repeat after every tight turn.
 """
 
 

@@ -32,7 +32,7 @@ SPREAD_M = 1.0
 
 
 class Moved(NamedTuple):
-    """Route that is shifted laterally from another route by the offset in a map along the path."""
+    """Route with a lateral shift from another route. The shift is given by a map along the path."""
 
     route: Route
     map_: LapMap  # Map of the lateral offset of the line along the path
@@ -40,7 +40,7 @@ class Moved(NamedTuple):
     length: float  # Length of one lap [m]
 
     def at(self, t: float) -> Reference:
-        """Return the reference on the shifted line at time `t` [s]."""
+        """Return the reference (pose, velocity and curvature) on the shifted line at time `t` [s]."""
         r = self.route.at(t)
         y, slope, bend = self._shape(self.route.passed(t))
         dx, dy = from_heading(r.yaw, 0.0, y)
@@ -61,14 +61,14 @@ class Moved(NamedTuple):
         return self._moved(self.route.ahead(s))
 
     def curvatures(self, distances: Sequence[float] | Vector) -> Vector:
-        """Return the curvatures of the shifted line at the path arc lengths `distances` [m], in [1/m]."""
+        """Return the curvatures of the shifted line [1/m] at the path arc lengths `distances` [m]."""
         found = self.route.curvatures(distances)
         for k, s in enumerate(distances):
             found[k] += self._shape(float(s))[2]
         return found
 
     def leg(self, t: float) -> tuple[float, float]:
-        """Return the start and end [m] of the leg of the original path, between two cusps, at time `t` [s]."""
+        """Return the start and end [m] of the leg of the original path on which the reference is at time `t` [s]."""
         return self.route.leg(t)
 
     def passed(self, t: float) -> float:
@@ -105,7 +105,7 @@ class ImplementIlcState(NamedTuple):
 
 
 class ImplementIlc(PlaceLearner):
-    """Guidance law with an inner law on a shifted line, learned from lap to lap to keep the implement on the path."""
+    """Guidance law whose inner law follows a line with a learned lateral shift that keeps the implement on the path."""
 
     kind: Literal["implement_ilc"] = "implement_ilc"
     label: ClassVar = "ILC of the implement"
@@ -127,7 +127,7 @@ class ImplementIlc(PlaceLearner):
         return ImplementIlcState(self.inner.init())
 
     def update(self, state: ImplementIlcState, situation: Situation, dt: float) -> tuple[ImplementIlcState, Command]:
-        """Return the new state and the command of the inner law. The implement's error updates the shifted line."""
+        """Return the new state and the command of the inner law. The implement error updates the shift of the line."""
         e, route, t = situation.estimate, situation.route, situation.t
         x, y, yaw = self._implement(state, situation, dt)
         near = route.nearest(x, y, route.passed(t), t).s if state.s is None else state.s
@@ -146,7 +146,7 @@ class ImplementIlc(PlaceLearner):
         return ImplementIlcState(inner, lap, place.s, state.length, yaw, place.offset, beside, learning), command
 
     def _implement(self, state: ImplementIlcState, situation: Situation, dt: float) -> tuple[float, float, float]:
-        """Return the position x, y [m], measured or from the tractrix, and the heading from the tractrix [rad]."""
+        """Return the implement position x, y [m], measured or from the tractrix, and the tractrix heading [rad]."""
         e, m, (x, y) = situation.estimate, situation.machine, situation.implement
         heading = wrap(e.yaw - e.sideslip)
         yaw, behind = heading if state.yaw != state.yaw else state.yaw, m.hitch_behind_m

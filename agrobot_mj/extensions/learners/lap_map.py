@@ -13,7 +13,7 @@ comparison is made at the end of the lap. During a lap, the error over about WIN
 best lap, at the same location and on average. A worse map is replaced by the map of the best lap, blended over FADE_M.
 The gain is halved, and learning is suspended until a complete lap has measured the error of the restored map. If the
 best map itself has become worse, because ground or machine have changed, learning restarts from an empty map. Learning
-ends after GIVE_UP returns to the best map.
+ends when the best map has been restored GIVE_UP times.
 """
 
 from math import exp, inf, log, sqrt
@@ -61,12 +61,12 @@ class LapState(NamedTuple):
     best: Array = NOTHING  # Map of the best lap [unit of the map]
     best_square: Array = NOTHING  # Squared error of the best lap, averaged over about WINDOW_M [m2]
     best_rms: float = inf  # RMS error of the best lap [m], or infinity before the first complete lap
-    cells: Array = NOTHING  # Sums at each location in the present lap, columns as in `Cell`, shape (locations, 4)
-    here: Array = NOTHING  # Squared error of the present lap, averaged over about WINDOW_M [m2]
-    cell: tuple[int, Cell] = (0, Cell())  # Index of the present location, and the sums of its ticks
-    square: float = 0.0  # Present squared error, averaged over about WINDOW_M [m2]
+    cells: Array = NOTHING  # Sums at each location in the current lap, columns as in `Cell`, shape (locations, 4)
+    here: Array = NOTHING  # Squared error of the current lap, averaged over about WINDOW_M [m2]
+    cell: tuple[int, Cell] = (0, Cell())  # Index of the current location, and the sums of its ticks
+    square: float = 0.0  # Current squared error, averaged over about WINDOW_M [m2]
     wanted: Array = NOTHING
-    """Map plus correction of the last lap used for learning [unit of the map]. Zero before the first of these laps."""
+    """Map plus correction of the last lap used for learning [unit of the map], or zero if no lap has been used."""
     whole: bool = False
     """Whether the map is unchanged since the start of the lap, so that the lap error belongs to this map."""
     returns: int = 0  # Number of returns to the best map
@@ -160,8 +160,8 @@ class LapMap(Spec):
         return fresh._replace(map_=map_, before=state.map_, since=0.0)
 
     def _returned(self, state: LapState) -> LapState:
-        """Return the state with the map of the best lap or, if this map is in use, with an empty map. The error of the
-        new map is measured again."""
+        """Return the state with the map of the best lap or, if this map is already in use, with an empty map. The error
+        of the selected map is measured again."""
         learnt = not np.array_equal(state.map_, state.best)
         best = state.best if learnt else np.zeros_like(state.best)
         fading = state._replace(map_=best, before=state.map_, since=0.0, best=best, best_rms=inf, whole=False)
@@ -183,7 +183,7 @@ def _met(state: LapState, k: int, error: float, correction: float | None) -> Lap
 
 
 def _worse_here(state: LapState, k: int) -> bool:
-    """Return whether the error at location `k` exceeds the limit from the local and the RMS error of the best lap."""
+    """Return whether the error at location `k` exceeds a limit based on the local and RMS errors of the best lap."""
     best = max(sqrt(state.best_square[k]), state.best_rms)  # the first lap may begin with a small error
     return sqrt(state.square) > WORSE_HERE * best + MARGIN_HERE_M
 

@@ -72,9 +72,9 @@ class PathNetwork(Spec):
     """Time constant of the traces [s], equal to the delay plus the lag of the steering response. Assumed value (range
     0.2-0.8)."""
     uncertainty: float = Field(0.3, ge=0, lt=0.5)
-    """Relative difference of set width and centre distance [-]. Assumed value (range 0-0.49); 0.5 leaves gaps."""
+    """Relative difference of set width and centre distance [-]. Assumed value (range 0-0.49); at 0.5 sets have gaps."""
     curvature_sets: int = Field(11, ge=1, le=51)
-    """Number of curvature sets [-]. Assumed value (range 5-21): gives a spacing of 0.1 1/m."""
+    """Number of curvature sets [-]. Assumed value (range 5-21), which spaces the centres by 0.1 1/m."""
     curvature_range_per_m: Positive = 0.5
     """Magnitude of the curvature at the centres of the outermost fuzzy sets [1/m]. Assumed value (range 0.3-0.7), for
     an arc of 2 m radius."""
@@ -170,7 +170,7 @@ class LearnedFeedforward(AngleLearner):
     supervisor."""
     max_steer_lag_deg: Positive = 6.0
     """Difference between measured and last commanded angle [deg] above which learning is suspended. Assumed value
-    (range 3-10): on an arc it is about 2 deg. The feedback is not meaningful while the valve moves to a new angle."""
+    (range 3-10): about 2 deg are normal on an arc. Feedback is not meaningful while the valve moves to a new angle."""
     tunable: ClassVar = {"network.eta": (0.02, 1.0)}
     """Search range of the learning rate for tuning, in addition to the gains of the yaw controller."""
     tuned: ClassVar = {

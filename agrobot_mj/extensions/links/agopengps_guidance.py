@@ -25,13 +25,13 @@ class BoardSettings(Spec):
     kp: Byte = 40
     """Proportional gain of the board's control law [PWM counts/deg]. The default is that of AgOpenGPS boards."""
     high_pwm: Byte = 60
-    """PWM limit at steering errors of at least 3 deg [PWM counts of 255]. The default is that of AgOpenGPS boards."""
+    """PWM limit at steering errors of at least 3 deg [PWM counts]. The default is that of AgOpenGPS boards."""
     min_pwm: Byte = 9
-    """Minimum motor PWM, added towards the setpoint [PWM counts]. The default is that of AgOpenGPS boards."""
+    """Minimum motor PWM, added to the proportional PWM [PWM counts]. The default is that of AgOpenGPS boards."""
     counts_per_degree: Annotated[int, Field(ge=1, le=255)] = 30
     """Scale of the angle sensor [counts/deg]. The default is that of AgOpenGPS boards."""
     offset: Annotated[int, Field(ge=-32768, le=32767)] = 0
-    """Offset [counts] added to the sensor counts, or subtracted with `host = "agopenweb"`. Default of these boards."""
+    """Offset [counts] added to the sensor counts (subtracted with `host = "agopenweb"`). Default as on these boards."""
     ackermann_percent: Byte = 100
     """Scale factor on steering angles to the left [%]. The default is that of AgOpenGPS boards."""
 
@@ -46,7 +46,7 @@ class Actuation(NamedTuple):
     asked: float = nan
     """Steering setpoint of the host [rad], positive to the left, also if not engaged. NaN before the first message."""
     cross_track: float = nan
-    """Cross-track error reported by the host [m], positive to the left. NaN without a line or messages of the host."""
+    """Cross-track error reported by the host [m], positive to the left. NaN without a guidance line or messages."""
 
 
 class AgOpenGps(GuidanceLaw):
@@ -57,7 +57,7 @@ class AgOpenGps(GuidanceLaw):
     host: Literal["agopengps", "agopenweb"] = "agopengps"
     """Message dialect of the host. `agopengps` includes QtAgOpenGPS."""
     steer_by: Literal["angle", "pwm"] = "angle"
-    """Controller of the angle commanded by the host: steering loop (`angle`), or law of the board (`pwm`)."""
+    """Controller for the angle commanded by the host: steering loop (`angle`), or control law of the board (`pwm`)."""
     position: Literal["panda", "paogi"] = "panda"
     """Position sentence sent to the host: `panda` for one antenna, `paogi` for two (`sensors.gnss.dual_antenna`)."""
     position_rate_hz: Literal[5, 10] = 10
@@ -67,7 +67,7 @@ class AgOpenGps(GuidanceLaw):
     origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] = 4.699
     """Longitude of the map origin x = y = 0 [deg]."""
     watchdog_s: Annotated[float, Field(gt=0, le=60)] = 2.5
-    """Time without messages after which the board releases the steering [s]. AgOpenGPS boards: 100 loops of 25 ms."""
+    """Time without messages until the board releases the steering [s], as in AgOpenGPS boards (100 loops of 25 ms)."""
     latch_s: Annotated[float, Field(gt=0, le=3600)] | Literal["never"] = 2.5
     """Time without messages after which the board is latched [s], at least `watchdog_s`, or "never".
 
@@ -109,7 +109,7 @@ class AgOpenGps(GuidanceLaw):
         """Return the command for the board's steering output in `state`, at the reference speed of the path."""
         r = situation.reference
         speed = to_heading(r.yaw, r.vx, r.vy)[0]
-        released = not state.engaged and state.voltage is not None  # the steering loop holds the present angle
+        released = not state.engaged and state.voltage is not None  # the steering loop holds the current angle
         return state, Command(situation.steer if released else state.steer, speed, state.voltage)
 
     @property

@@ -7,7 +7,7 @@ import tomli_w
 
 
 def annotated_toml(data: Mapping[str, Any], notes: Mapping[str, str], head: str = "") -> str:
-    """Return data as TOML text with comments: `head` at the start, `notes` after the values of keys `table.key`."""
+    """Return data as TOML text that starts with the comment `head`. `notes` are comments on values, by `table.key`."""
     lines, table = [f"# {line}".rstrip() for line in head.splitlines()], ""
     for line in tomli_w.dumps(dict(data)).splitlines():
         if line.startswith("["):

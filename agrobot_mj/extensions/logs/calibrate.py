@@ -40,22 +40,22 @@ from agrobot_mj.sensors.dual_antenna import DualAntenna
 
 TYRES = ("front_compliance", "rear_compliance", "front_relaxation_m", "rear_relaxation_m", "backlash")
 AT_THE_EDGE = 0.97
-"""Ratio of an estimated latency to the limit of its search range above which a calibration is rejected [-]."""
+"""Maximum ratio of an estimated latency to the limit of its search range in a valid calibration [-]."""
 LEAST_WINDOWS = 3  # Minimum number of windows for a calibration: 15 s of driving at speed
 SEEN_IN_SPEED = 0.9  # Minimum squared correlation of speed and positions for identifying the latency of the speed [-]
 SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.2, "offset": inf, "scale": inf, "scale_right": inf}
 """Maximum half widths of the intervals of identified quantities, by key [unit of the key]. Assumed values."""
 SURE_HEADING_RAD = radians(5.0)
 """Maximum half width of the interval of an identified heading offset [rad], if the interval includes the offset in the
-map. Assumed value."""
+column map. Assumed value."""
 BENDS_RAD = radians(2.5)
 """Minimum standard deviation of the wheel angle at which latencies and antenna positions are identifiable [rad].
-Assumed value: without slip, steering angles of 0.7 deg give an error of the antenna position of 0.13 m, and angles
-of 3 deg give 0.016 m."""
+Assumed value: without slip, the error of the antenna position is 0.13 m at steering angles of 0.7 deg, and 0.016 m
+at 3 deg."""
 LAG_OF_GYRO_S, LAG_OF_STEERING_S, LAG_OF_TYRES_S = 0.01, 0.03, 0.045
 """Half widths of latency intervals due to unmodelled lags [s]: of a heading relative to a gyro, of a heading or gyro
 relative to the steering, and of position and speed, due to tyres and body roll. The last value times the speed is
-the half width for the antenna's distance ahead. Assumed values, from the simulator."""
+the half width for the distance of the antenna ahead of the rear axle. Assumed values, from the simulator."""
 TWO_SIGMA = 2.0  # Minimum difference between the scales of both sides, divided by its standard error [-]
 RIGHT_SIGMA = 0.3  # Prior standard deviation of the scale to the right, divided by the scale to the left [-]
 ONE_SPEED = 3.0
@@ -133,7 +133,7 @@ class Calibration(NamedTuple):
 
     @property
     def calibrated(self) -> LogMap:
-        """Copy of the map with the estimated values. Keys of unidentified quantities are unchanged."""
+        """Copy of the column map with the estimated values. Keys of unidentified quantities are unchanged."""
         told = {key: each.rounded for key, each in self.found.items() if each.identified}
         return changed_map(self.log_map, {**told, "steer.positive": self.positive})
 
@@ -141,7 +141,7 @@ class Calibration(NamedTuple):
 def calibrate(
     sources: Sequence[Source], log_map: LogMap | None, scenario: Scenario, start_s: float = 0.0, end_s: float = inf
 ) -> Calibration:
-    """Calibrate the sensors of one machine from its logs, which have a common map. The scenario gives the wheelbase.
+    """Calibrate the sensors of one machine from logs with a common column map. The scenario gives the wheelbase.
 
     Raises `FieldLogError` for unsuitable logs.
     """
@@ -199,7 +199,7 @@ def _spread(angles: Sequence[FieldRecording]) -> float:
 
 
 def _names(data: VehicleData) -> tuple[str, ...]:
-    """Return the names of fitted parameters. Latencies are relative to the gyro or, without a gyro, the steering."""
+    """Return the names of the fitted parameters. Latencies are relative to the gyro or, without one, the steering."""
     channels = set(data.channels)
     ages = {"steer_delay_s": "yaw_rate", "heading_delay_s": "heading", "position_delay_s": "position"}
     if _speed_explained([piece.recording for piece in data.pieces]) > SEEN_IN_SPEED:
@@ -293,7 +293,7 @@ def _quantity(
     index: dict[str, int],
     drive: _Drive,
 ) -> Quantity:
-    """Return a quantity with its interval. `slopes` are its derivatives with respect to the fitted parameters."""
+    """Return a quantity with its interval. `slopes` are its derivatives with respect to the parameters."""
     if not slopes.keys() <= index.keys():  # the fit omits latencies that the log cannot identify
         return Quantity(middle, middle - 2 * DELAY_S, middle + 2 * DELAY_S, False)
     gradient = np.zeros(len(index))
@@ -316,7 +316,7 @@ def _quantity(
 
 
 def changed_map(m: LogMap, values: Mapping[str, float | str]) -> LogMap:
-    """Return a copy of a map with the given `values`, by `table.key`."""
+    """Return a copy of a column map with the given `values`, by `table.key`."""
     tables: dict[str, dict[str, float | str]] = {}
     for key, value in values.items():
         table, _, name = key.partition(".")

@@ -11,8 +11,8 @@ from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.series import chords, course_rate
 
 CHORD_S, SLIPPED = 2.0, 1.5
-"""Interval for track lengths [s], and maximum factor between track lengths from positions and speed [-]. Assumed
-values."""
+"""Time interval for track lengths [s], and maximum ratio of the track lengths from positions and from speed [-].
+Assumed values."""
 LONGEST_ARM_M, ARM_EXPLAINS = 6.0, 0.2
 """Limits for attributing a wrong track length to the antenna position: maximum distance from antenna to rear axle [m],
 and maximum relative RMS residual [-]. Assumed values."""
@@ -89,7 +89,7 @@ def _ways(piece: FieldRecording) -> Array | None:
 
 
 def _arm(way: Array, said: Array, across: Array) -> float | None:
-    """Return the distance from rear axle to antenna that explains the positions [m], or None if there is none."""
+    """Return the distance from rear axle to antenna that explains the positions [m], or None if no distance does."""
     bend = float((across**4).sum())
     squared = float(((way**2 - said**2) * across**2).sum()) / bend if bend else 0.0
     if not 0.0 < squared < LONGEST_ARM_M**2:
@@ -99,7 +99,7 @@ def _arm(way: Array, said: Array, across: Array) -> float | None:
 
 
 def _check_turning(recordings: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` if positions turn opposite to the yaw rate (mirrored) or at another rate (wrong unit)."""
+    """Raise `FieldLogError` if the course turns opposite to the yaw rate (mirrored) or at another rate (wrong unit)."""
     pairs = [pair for piece in recordings if (pair := _turning_twice(piece)) is not None]
     if not pairs:
         return
@@ -108,14 +108,14 @@ def _check_turning(recordings: Sequence[FieldRecording]) -> None:
     source, alike = recordings[0].yaw_rate_source, AGREED * sqrt(turned * float((course**2).sum()))
     if common > alike and not 1 / OTHER_UNIT < common / turned < OTHER_UNIT:
         raise FieldLogError(
-            f"{recordings[0].name}: the positions turn {common / turned:.2g} times as fast as the {source}; check "
-            f"the unit and the column of [{'yaw_rate' if source == 'gyro' else 'heading'}] in the map"
+            f"{recordings[0].name}: the course of the positions turns {common / turned:.2g} times as fast as the "
+            f"{source}; check the unit and the column of [{'yaw_rate' if source == 'gyro' else 'heading'}] in the map"
         )
     if common < -alike:
         key = "yaw_rate.positive" if source == "gyro" else "heading.convention"
         raise FieldLogError(
-            f"{recordings[0].name}: the positions turn right where the {source} turns left; check whether the "
-            f"east and north columns of [position] are swapped; otherwise change {key} in the map"
+            f"{recordings[0].name}: the course of the positions turns right where the {source} turns left; check "
+            f"whether the east and north columns of [position] are swapped; otherwise change {key} in the map"
         )
 
 

@@ -19,16 +19,16 @@ from agrobot_mj.extensions.logs.series import TimeSeries, scatter
 
 SIGNED = -0.1  # A recorded speed with values below this limit has a sign [m/s]. Assumed: larger than the noise at rest.
 LEAST_LEG_M, LEG_PER_SCATTER = 0.5, 10.0
-"""Lower limits of the length of a reverse section: constant [m], and factor on the noise of positions [-]."""
+"""Minimum length of a reverse section: a constant [m], or a multiple of the position noise [-] if this is longer."""
 AROUND_S = 2.0  # Time before and after a change of direction in which the minimum speed is searched [s]
 LONGEST_STEP_S = 2.0  # Maximum time between two fixes whose displacement is used [s]
 STANDING_M_S = 0.1
-"""Speed below which a machine is at rest [m/s]. Assumed value: three times the noise of a receiver at rest."""
+"""Speed below which a machine is at rest [m/s]. Assumed value: three times the speed noise of a receiver at rest."""
 LEAST_TOLD, LEAST_GAIN = 0.3, 0.01
 """Minimum fraction of the yaw-rate variance that the steering must explain to determine directions, and minimum
 increase of this fraction for reversing the sign of a section [-]. Assumed values: above the effect of noise."""
 MOST_TURN = 3.0
-"""Upper limit of valid yaw rates, divided by the 80 % quantile of all absolute yaw rates [-]. Assumed value."""
+"""Maximum valid yaw rate, divided by the 80 % quantile of all absolute yaw rates [-]. Assumed value."""
 MOST_LEGS = 200  # Maximum number of sections whose directions the steering can determine
 
 

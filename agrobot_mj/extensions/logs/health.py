@@ -42,8 +42,8 @@ TOLD = 0.5
 CHORD_S, MOST_ALIKE = 0.5, 20.0
 """Minimum time between fixes [s] and maximum condition number [-] in the regression of the antenna position."""
 ARM_M, ARM_ERROR_M = 0.3, 0.3
-"""Error of the antenna position in the map above which it is reported (plus `SIGMAS` standard errors), and maximum
-standard error of a valid estimate [m]."""
+"""Minimum reported error of the antenna position in the column map, plus `SIGMAS` standard errors, and maximum standard
+error of a valid estimate [m]."""
 
 
 class CentrePart(NamedTuple):
@@ -67,7 +67,7 @@ class LogHealth(NamedTuple):
 
     @property
     def centre(self) -> SteeringCentre:
-        """Mean steering centre of all parts of the log. Its standard error follows from the scatter of the parts."""
+        """Mean steering centre of all parts of the log. The standard error follows from the scatter of the parts."""
         first, *others = (part.centre for part in self.parts)
         if not others:
             return first

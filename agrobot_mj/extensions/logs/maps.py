@@ -193,7 +193,7 @@ class LogMap(Spec):
     @model_validator(mode="after")
     def _says_enough(self) -> "LogMap":
         if self.steer is None and self.valve is None:
-            raise ValueError("steer: is missing; add [steer] for the wheel angle or [valve] for the voltage")
+            raise ValueError("steer: the table is missing; add [steer] for the wheel angle or [valve] for the voltage")
         if self.yaw_rate is None and self.heading is None and self.position is None:
             raise ValueError("yaw_rate: the map has no column of the motion; add [yaw_rate], [heading] or [position]")
         named = dict[str, str]()
@@ -211,9 +211,9 @@ SIGNALS_MAP = LogMap(
     speed=SpeedColumn(column="speed_hat"),
     position=PositionColumns(east="gnss_x", north="gnss_y", quality="gnss_quality", accepted=(2,)),
 )
-"""Built-in map of `signals.parquet`: sensor measurements, estimated speed, and valve voltage."""
+"""Built-in map of the columns of `signals.parquet`: sensor measurements, estimated speed, and valve voltage."""
 GYRO_MAP = SIGNALS_MAP.model_copy(update={"yaw_rate": YawRateColumn(column="gyro", unit="rad/s")})
-"""Built-in map of `signals.parquet` for a run with a gyro."""
+"""Built-in map of the columns of `signals.parquet` for a run with a gyro."""
 AGOPENGPS_MAP = LogMap(
     title="CSV in the units and signs of the AgOpenGPS family",
     time=TimeColumn(column="time_s"),
@@ -254,7 +254,7 @@ SI_TABLES: tuple[tuple[str, tuple[str, ...], dict[str, Any]], ...] = (
     ("position", ("latitude", "longitude"), {"latitude": "latitude", "longitude": "longitude"}),
     ("position", ("east", "north"), {"east": "east", "north": "north"}),
 )
-"""Map tables for logs in SI units: table name, required columns, keys. The first suitable entry for a table applies."""
+"""Map tables for logs in SI units: name, required columns and keys. The first suitable entry with a name applies."""
 INSTEAD = {
     "steer_demand": "the commanded angle; the residuals then include the lag of the steering",
     "curvature": 'with unit = "1/m" and wheelbase_m',

@@ -46,7 +46,7 @@ class Job:
 
     @cached_property
     def opened(self) -> tuple[list[Source], LogMap]:
-        """Contents of the logs, and their common map."""
+        """Contents of the logs, and their common column map."""
         log_map = read_map(self.map_file) if self.map_file is not None else None
         found = [open_log(log) for log in self.logs]
         maps = [log_map or each.checked_map() for each in found]
@@ -86,7 +86,7 @@ class LogPart(NamedTuple):
     run: Callable[[Job], Finding]
     file: str  # Name of the JSON file
     others: Callable[[Scenario], tuple[str, ...]] = lambda scenario: ()
-    """Function that returns the names of the other result files, given the scenario."""
+    """Function that returns the names of the additional result files for a scenario."""
     check: Callable[[Scenario, Sequence[str]], object] = lambda scenario, names: None
     """Function that raises `ScenarioError` for invalid names of fitted parameters, before the logs are read."""
 

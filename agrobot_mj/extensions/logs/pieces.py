@@ -116,7 +116,7 @@ def read_pieces(
     end: float = inf,
     readings: bool = False,
 ) -> Pieces:
-    """Read one or more logs with a common map, and return their segments."""
+    """Read one or more logs with a common column map, and return their segments."""
     sources = source if isinstance(source, Sequence) else [source]
     return pieces((read_recording(each, log_map, antenna_height, readings) for each in sources), start, end)
 

@@ -232,7 +232,7 @@ class _Reader(NamedTuple):
         return steady
 
     def _local_places(self, c: PositionColumns) -> tuple[Mask, Array]:
-        """Return which rows have an accepted position, and these positions in the local plane, shape (n, 2) [m].
+        """Return a mask of the rows with accepted positions, and these positions in the local plane, shape (n, 2) [m].
 
         Raises `FieldLogError` for unsuitable columns.
         """

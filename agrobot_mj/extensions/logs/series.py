@@ -27,8 +27,8 @@ JUMP_RAD, LARGEST_YAW_RATE = 0.3, 3.0
 AWAY_S = 5.0
 """Maximum duration of a temporary position jump [s]. Longer jumps count as permanent. Assumed value."""
 STANDS_OUT, USUAL_OFF = 5.0, 0.9
-"""Minimum ratio of the deviation of an outlier to the deviations of the second values before and after it [-], and
-quantile of all deviations that is used instead if both of these deviations are smaller [-]. Assumed values."""
+"""Minimum deviation of an outlier, divided by the maximum of three deviations [-]: those of the second values before
+and after the outlier, and the quantile `USUAL_OFF` of all deviations [-]. Assumed values."""
 LEAST_SPEED = 0.3  # Speed below which the course is undefined and the dynamics are not excited [m/s]
 
 
@@ -180,7 +180,7 @@ def sharpened(series: TimeSeries, length: float) -> Array:
 
 
 def course_rate(position: TimeSeries, speed: TimeSeries) -> TimeSeries | None:
-    """Return the rate of the course at speeds above `LEAST_SPEED`, from local cubic fits of duration `COURSE_S`."""
+    """Return the rate of the course at speeds above `LEAST_SPEED`, from cubic fits to windows of `COURSE_S`."""
     if (grid := _even(position.t, COURSE_S, 7)) is None:
         return None
     t, known, cubic = grid
@@ -193,7 +193,7 @@ def course_rate(position: TimeSeries, speed: TimeSeries) -> TimeSeries | None:
 
 
 def slope_of(series: TimeSeries) -> TimeSeries | None:
-    """Return the derivative by cubic fits of duration `SMOOTHING_S`, except near gaps, or None for a short series."""
+    """Return the derivative from cubic fits over `SMOOTHING_S`, except near gaps, or None for a short series."""
     if (grid := _even(series.t, SMOOTHING_S, 5)) is None:
         return None
     t, known, cubic = grid
@@ -204,8 +204,8 @@ def slope_of(series: TimeSeries) -> TimeSeries | None:
 def _even(t: Array, length_s: float, least: int) -> tuple[Array, Mask, dict[str, Any]] | None:
     """Return evenly spaced times, a mask of times without a gap, and parameters of `savgol_filter`.
 
-    The filter fits cubics of duration `length_s` [s]. A gap is at least `SMOOTHING_S` long. The result is None for too
-    few samples.
+    The filter fits cubic polynomials to windows of `length_s` [s]. A gap is at least `SMOOTHING_S` long. The result is
+    None if there are too few samples.
     """
     spacing = float(np.median(np.diff(t)))
     length = max(least, 2 * round(length_s / spacing / 2) + 1)

@@ -2,8 +2,8 @@
 
 The wheel angle without slip, atan(L r / u), is computed from yaw rate r, speed u and wheelbase L. This angle is
 regressed on the raw sensor value, with the latency that explains the most variance. A sensor on one wheel or on a
-linkage has different scales to the left and to the right. If the scales differ significantly, two lines that meet at
-the centre are fitted, because one line would shift the centre.
+linkage has different scale factors to the left and to the right. If the factors differ significantly, two lines that
+meet at the centre are fitted, because one line would shift the centre.
 """
 
 from collections.abc import Sequence
@@ -26,14 +26,14 @@ LEAST_SAMPLES = 50  # Minimum number of yaw-rate samples for a regression
 OUTLIER = 3.0  # Distance from the line above which a sample is an outlier [robust standard deviations]
 SIDES_DIFFER, SURELY = 0.05, 4.0
 """Criteria for separate scales to the left and right: minimum relative difference, and minimum ratio of the difference
-to its standard error [-]. Assumed values: the scales of linkages differ by more."""
+to its standard error [-]. Assumed values: the scale factors of typical linkages differ by more."""
 LEAST_SIDE, SIDE_RAD = 0.1, radians(2.0)
 """Criteria for separate scales to the left and right: minimum fraction of samples on each side [-], and minimum wheel
 angle of these samples [rad]. Assumed values."""
 BLOCKS = 6  # Number of blocks into which a log is divided for standard errors by the jackknife
 CENTRES = 101  # Number of steering centres that a search evaluates
 MOVED_DEG, SIGMAS = 1.0, 3.0
-"""Terms of the minimum reported difference between steering centres: constant [deg], number of standard errors [-]."""
+"""Minimum reported difference between steering centres: constant [deg], plus a number of standard errors [-]."""
 
 
 class RoughSteering(NamedTuple):
@@ -186,7 +186,7 @@ def _slopes(samples: Array, centre: float, scale: float) -> tuple[float, float, 
 
 
 def centre_of(kept: Sequence[FieldRecording], wheelbase: float, rough: RoughSteering) -> SteeringCentre | None:
-    """Return the mean steering centre for the scales of `rough`, with its standard error, or None without samples."""
+    """Return the mean steering centre for the factors of `rough`, with its standard error, or None without samples."""
     if (found := turning(kept, wheelbase)) is None:
         return None
     read = found.reading[int(np.abs(AGES_S - rough.age).argmin())]

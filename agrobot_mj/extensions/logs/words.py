@@ -29,7 +29,7 @@ FOLLOWED = 0.05  # RMS speed residual divided by the mean speed above which the 
 SAME_GAIN = 0.05
 """Minimum relative error of the yaw-rate gain that is reported [-]. It exceeds the errors of a measured wheelbase."""
 SLIPLESS = 0.5
-"""Ratio of the residual without slip to the plant residual below which the plant, not the scale, is the cause [-]."""
+"""Ratio of the residual without slip to the plant residual below which the plant explains the residual [-]."""
 JUDGED_S = 10.0  # Minimum duration for evaluating a yaw-rate gain [s]: one or two bends
 WRONG_GAIN = 3.0  # Yaw-rate gain above which the unit of a sensor is wrong, not its scale [-]
 SAME_WAY_M, SAME_LENGTH, SAME_UNIT = 0.05, 0.01, 0.2
@@ -53,7 +53,7 @@ def sentences(c: Calibration, tractor: TractorParameters) -> list[str]:
 
 
 def map_lines(c: Calibration) -> str:
-    """Return the calibrated map as TOML text, with the intervals of estimated values as comments."""
+    """Return the calibrated column map as TOML text, with the intervals of estimated values as comments."""
     notes = {key: " to ".join(each.ends) for key, each in c.found.items() if each.identified}
     data = c.calibrated.model_dump(mode="json", exclude_defaults=True, exclude_none=True)
     for table, _, name in (key.partition(".") for key in notes):
@@ -189,7 +189,7 @@ def vehicle_sentences(found: IdentifiedVehicle, t: TractorParameters) -> Iterato
     if (b := found.found.get("backlash_deg")) and not b.identified:
         yield "The backlash is not larger than the noise of the recorded angle."
     yield (
-        f"On the rest of the log the fit explains {100 * found.explained:.2f} % with a residual of "
+        f"In the test part of the log, the fit explains {100 * found.explained:.2f} % with a residual of "
         f"{found.residual_deg_s:.3f} rms; a model without slip has {found.kinematic_deg_s:.3f} (deg/s, or m)."
     )
     yield (
@@ -233,7 +233,7 @@ def replay_rows(m: Mapping[str, Any]) -> Iterator[tuple[str, float | None, str]]
 
 
 def doubts(found: ReplayResult, tractor: TractorParameters, scaled: bool = False) -> Iterator[str]:
-    """Yield warnings about limits of the plant and errors of the map. `scaled` states whether a fit found the scale."""
+    """Yield warnings about plant limits and map errors. `scaled` states whether the scale of [steer] is calibrated."""
     m = found.metrics
     angles = [np.abs(recording.steer.at(driven.t)) for recording, driven in found.pieces if recording.steer]
     if angles and (largest := degrees(max(each.max() for each in angles))) > tractor.steer_limit_deg:

@@ -19,7 +19,7 @@ class Adjustment(NamedTuple):
     kind: str  # Kind of the faults that apply the adjustment
     key: str  # Key of the adjusted value in the table of the fault
     others: tuple[Mapping[str, Any], ...] = ({},)
-    """Constant keys of the faults that apply an adjusted value, one table per fault."""
+    """Constant keys of the faults that apply the adjusted value, with one table per fault."""
     step: float = 0.001  # Resolution of the slider
 
     def faults(self, value: float) -> list[dict[str, Any]]:

@@ -18,7 +18,7 @@ def continued(state: Snapshot, scenario: Scenario) -> Simulation:
 
     The duration may differ, and faults may be added or changed without effect on the past. The type of the guidance law
     must be the same, because the law keeps its state. Raises `CommandError` for other differences, and for a duration
-    that ends before the present time.
+    below the current time.
     """
     before, t = state.scenario, fetched(state.loop.seen).t
     changed = [
@@ -29,7 +29,7 @@ def continued(state: Snapshot, scenario: Scenario) -> Simulation:
     if changed:
         raise CommandError(f"continued: {', '.join(changed)} must not change during a run; start another run")
     if state.rows.filled > scenario.ticks:
-        raise CommandError(f"continued: duration_s: must not be before the present time, {t:g} s")
+        raise CommandError(f"continued: duration_s: must be at least the current time, {t:g} s")
     stages = {**state.loop.stages, "faults": _fault_states(state, scenario, t + TICK_S / 2)}
     return resumed(Simulation, state._replace(scenario=scenario, loop=state.loop._replace(stages=stages)))
 

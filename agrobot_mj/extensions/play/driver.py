@@ -16,7 +16,7 @@ STALE_S = 0.4
 
 
 class Keys(NamedTuple):
-    """Pressed driving keys with the state of a gamepad, and the time `seen` at which the message was received [s]."""
+    """Pressed driving keys, state of a gamepad, and time `seen` at which their message was received [s]."""
 
     left: bool = False
     right: bool = False
@@ -55,7 +55,7 @@ class PlayDriver:
         """Whether the wheels return to straight ahead while no steering key is pressed."""
 
     def take_over(self) -> None:
-        """Return control from a guidance law to the driver, with the present angle and speed as setpoints."""
+        """Return control from a guidance law to the driver, with the current angle and speed as setpoints."""
         if self.law:
             truth = self.session.sim.truth
             self.law, self.angle, self.speed = 0, truth.steer, _within(truth.speed)

@@ -35,7 +35,7 @@ class PlayTable(NamedTuple):
     given: Sequence[PlayInput]
 
     def at(self, tick: int) -> PlayInput:
-        """Return the input in a tick, or the default input before the first change."""
+        """Return the driver input in a tick, or the default input before the first change."""
         k = bisect_right(self.ticks, tick) - 1
         return self.given[k] if k >= 0 else PlayInput()
 

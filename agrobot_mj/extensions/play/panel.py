@@ -110,7 +110,7 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
     """Panel of an interactive drive, with keys, sliders and curves."""
 
     def __init__(self, aim: Any, pad: Gamepad) -> None:
-        """Create the panel. The function `aim` points a camera at the tractor; `pad` is the gamepad of the page."""
+        """Create the panel. The function `aim` points a camera at the tractor, and `pad` is the gamepad of the page."""
         self.aim, self.pad, self.status, self.fault = aim, pad, PlayStatus(), 0
         self.edited: dict[str, float] = {}
         """Values of sliders that the driver is dragging, and of sliders whose values apply at a restart."""

@@ -215,7 +215,7 @@ def play(
 
 
 def _free(folder: Path, number: int, names: Sequence[str]) -> Path:
-    """Return the first folder `folder`-`number`, `folder`-`number + 1` and so on that accepts the files of a run."""
+    """Return the first folder `folder`-`number`, `folder`-`number + 1` and so on to which a run can write its files."""
     while True:
         place = folder.with_name(f"{folder.name}-{number}")
         with suppress(ScenarioError):

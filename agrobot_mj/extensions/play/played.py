@@ -36,7 +36,7 @@ class PlayRecord(Spec):
     """Recorded inputs of a drive."""
 
     file: str | None = None
-    """CSV file (`inputs.csv`) with inputs of a drive to reproduce. Default: none; `agrobot-mj play` provides inputs."""
+    """CSV file (`inputs.csv`) with inputs of an earlier drive. Default: none; `agrobot-mj play` provides inputs."""
 
 
 class Played(GuidanceLaw):
@@ -45,7 +45,7 @@ class Played(GuidanceLaw):
     kind: Literal["played"] = "played"
     timed: ClassVar = False
     inputs: PlayRecord = PlayRecord()
-    """Recorded inputs of a drive to reproduce."""
+    """Recorded inputs of an earlier drive, which is reproduced."""
     laws: tuple[dict[str, Any], ...] = ()
     """Guidance laws that can take over, as tables with a `kind`. In the inputs, laws are numbered from 1."""
     search_s: Annotated[float, Field(gt=0, le=HUGE)] = 120.0
@@ -72,7 +72,7 @@ class Played(GuidanceLaw):
 
     @property
     def follows_path(self) -> bool:
-        """Whether the guidance follows the path, which is false because a driver may leave the path."""
+        """Whether the guidance follows the path: false, because a driver may leave the path."""
         return False
 
     @property

@@ -13,7 +13,7 @@ from agrobot_mj.plants.mujoco.plant import MujocoPlant
 from agrobot_mj.simulation.stepping import Simulation
 
 PATH_PIECES, PATH_RADIUS_M, ABOVE_M = 150, 0.03, 0.03
-"""Number of segments of the drawn path, radius of its line [m], and height of the line above the ground [m]."""
+"""Number of segments of the displayed path, radius of its line [m], and height of the line above the ground [m]."""
 PATH_RGBA = (0.95, 0.75, 0.1, 1.0)
 SKY = ((0.60, 0.80, 1.0), (0.75, 0.88, 1.0))
 FIELD = ((0.36, 0.42, 0.22), (0.40, 0.46, 0.25))

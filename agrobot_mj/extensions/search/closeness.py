@@ -1,7 +1,7 @@
 """Margin of a run to a failure condition at each tick, for searches that maximise the margin.
 
 Each metric in the condition gets a value at each tick: its value at the end of the run if all later errors were 0. The
-value of a maximum is the present magnitude. A root mean square or a percentile covers the complete planned duration.
+value of a maximum is the current magnitude. A root mean square or a percentile covers the complete planned duration.
 The margin of a comparison with a number c is (value - c) / |c|, which is negative until the condition is met. `and`
 takes the minimum of the margins, `or` the maximum, `not` the negative [Fainekos2009]. At a margin of about 0 the
 condition is first met, but `Condition.fails` decides whether a run fails. The margin of a tick does not depend on later

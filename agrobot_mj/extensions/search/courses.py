@@ -63,7 +63,7 @@ class _Renamed(NamedTuple):
 
 
 def courses_figure(courses: Sequence[dict[str, Any]], labels: Sequence[str]) -> tuple[Figure, Axes, Axes]:
-    """Return a figure of an ordinary and a failed run, and two of its panels: an empty panel and the margins."""
+    """Return a figure of an ordinary and a failed run, its panel for further curves, and its panel of the margins."""
     drawn = Figure((2 * PANEL_WIDTH_IN, 4.2), layout="constrained")
     panels = drawn.subplot_mosaic([["", "close"], ["above", "above"]], height_ratios=(3, 2))
     close, above = panels["close"], panels["above"]

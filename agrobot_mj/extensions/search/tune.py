@@ -167,7 +167,7 @@ def search(
             f"error to minimise; add --set expected_outcome={COMPLETED}"
         )
     if not training:
-        raise ScenarioError(f"{scenario.name}: the plant supports no case of this tuning; add --set plant.kind=mujoco")
+        raise ScenarioError(f"{scenario.name}: the plant supports no tuning case; add --set plant.kind=mujoco")
     present = {key: attrgetter(key)(scenario) for key in ranges}
     trace: list[tuple[dict[str, float], float]] = []
 

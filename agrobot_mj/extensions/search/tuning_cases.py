@@ -67,7 +67,7 @@ class TuningFile(Spec):
     """Laws that `make gains` tunes, by name."""
 
     def part(self, name: str) -> tuple[CaseSpec, ...]:
-        """Return the cases in the part "training" or "test" of the file."""
+        """Return the cases in the part "training" or "test" of the tuning file."""
         return self.training if name == "training" else self.test
 
     def runs(self, name: str) -> int:

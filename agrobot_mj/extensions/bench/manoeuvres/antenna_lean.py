@@ -3,7 +3,8 @@
 Guided along the contour, the tractor has a steady offset from its line, because its antenna tilts and its wheels are
 steered against the slope. Averaged over noise, the steady state of the loop has a closed form. The offset y is positive
 to the left of the line, which is uphill. In the table, *held* means that the theory uses the roll, crab and steering
-angles of the run. *From parameters* means that the theory uses the slip angles of the section on the side slope.
+angles of the run. *From parameters* means that the theory uses the slip angles calculated in the section on the side
+slope.
 
 Angles are relative to the line. V is the speed, T the tick, delta the steady steering angle, beta the crab angle
 (heading minus course), phi the roll, and h the height of the antenna. The CG is l_r ahead of R and h_c above R.
@@ -17,10 +18,10 @@ state, its corrections cancel the rotation, with the gains K_y, K_psi of the Ric
 
     nu = -T V tan(delta) / (L K_psi),    sin(psi^) = (K_y / K_psi) tan(delta) / L,    y^_R = y_R + a - (1 - K_y) nu
 
-The estimated heading is thus independent of the crab angle, which no sensor measures. It is the steering angle divided
-by the wheelbase times a length of the filter, 2.4 m at 1.2 m/s. The estimated lateral position of the CG is y^ = y^_R +
-l_r sin(psi^). With terrain compensation, y^_R does not contain a, and the CG is estimated at y^_R + c(psi^). With a
-steering bias in the EKF, psi^ = 0 and nu = 0.
+The estimated heading is thus independent of the crab angle, which no sensor measures. The sine of this heading is
+tan(delta) / L times the characteristic length K_y / K_psi of the filter, 2.4 m at 1.2 m/s. The estimated lateral
+position of the CG is y^ = y^_R + l_r sin(psi^). With terrain compensation, y^_R does not contain a, and the CG is
+estimated at y^_R + c(psi^). With a steering bias in the EKF, psi^ = 0 and nu = 0.
 
 The speed loop has an integral, which makes the longitudinal error tan(psi^) times the lateral error after the tanh. The
 kinematic law then commands gamma_ref = -(V sin(psi^) + k_s tanh(k_e y^) / cos(psi^)) / l_r while the tractor does not
@@ -30,10 +31,10 @@ integral) holds delta with gamma_ref = 0. Hence
     k_s tanh(k_e y^) = -(V sin(psi^) + l_r delta / k_P) cos(psi^)      (with the network: without delta / k_P)
 
 and the true CG is at y = y^ - (y^ - y^_R) - (y^_R - y_R) + c. Uphill is positive; GNSS and IMU have no noise. Two
-theories must agree with the simulation to 1 cm. *Held* uses roll, crab and steering angle of the run and predicts the
-resulting error of the loop, on every tyre and slope; the table shows the larger difference of both directions of
+theories must agree with the simulation within 1 cm. *Held* uses roll, crab and steering angle of the run and predicts
+the resulting error of the loop, on every tyre and slope; the table shows the larger difference of both directions of
 travel. *From parameters* uses the slip angles of the section on the side slope. It has limits only in the linear range
-of the tyres, because 0.1 deg of steering is up to 2.5 cm.
+of the tyres, because a steering angle of 0.1 deg changes the offset by up to 2.5 cm.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -65,7 +66,7 @@ GAINS: dict[str, dict[str, float]] = {
         "controller.network.alpha": 0.062,
     },
 }
-"""Gains of the guidance loops, by controller. With `pd`, the offset changes by 5.4 cm per degree of steering."""
+"""Gains of the guidance loops, by controller. With `pd`, one degree of steering angle changes the offset by 5.4 cm."""
 ESTIMATORS: dict[str, dict[str, Any]] = {
     "paper's sensors": {},
     "compensated": {"terrain_compensation": True},
@@ -99,8 +100,8 @@ def gains(scenario: Scenario) -> tuple[float, float]:
 
 
 def estimated(scenario: Scenario, delta: float) -> tuple[float, float]:
-    """Return EKF estimates in steady state at a steering angle `delta` [rad]: sin(psi) [-], and the lateral offset of
-    the estimated R from the fixes, left positive [m]."""
+    """Return the EKF estimates in steady state at a steering angle `delta` [rad]: sin(psi) [-], and the lateral offset
+    of the estimated R from the fixes, positive to the left [m]."""
     if scenario.estimator.kind != "ekf":
         return 0.0, 0.0
     K_y, K_psi = gains(scenario)
@@ -143,7 +144,7 @@ def loop(controller: str, estimator: Mapping[str, Any]) -> dict[str, Any]:
 def drive(
     tyre: Any, grade_deg: float, controller: str, estimator: dict[str, Any], heading_deg: float = 0.0
 ) -> SlopeDrive:
-    """Return the steady state of a run along a contour line: eastwards (left side uphill), or westwards (180 deg)."""
+    """Return the steady state of a run along a contour line, eastwards with the left side uphill, or westwards."""
     given = {
         "duration_s": DRIVE_S,
         "terrain": {"kind": "slope", "grade_deg": grade_deg, "direction_deg": 90.0},
@@ -182,7 +183,7 @@ def run(m: Trial) -> Iterator[Check]:
 
 
 def _against(m: Trial, seen: list[SlopeDrive], tyre: Any, grade_deg: float, words: str) -> Iterator[Check]:
-    """Yield checks of the measured offsets `seen`, one per direction of travel, against both theories [cm]."""
+    """Yield checks of the measured offsets `seen` [cm], one per direction of travel, against both theories."""
     pairs = [(100 * run.offset, 100 * offset(run.scenario, run.state)) for run in seen]
     worse = max(pairs, key=lambda pair: abs(pair[0] - pair[1]))
     yield m.about(f"{words}, held", tyre.kind, "cm").close(*worse, ROOM_CM)

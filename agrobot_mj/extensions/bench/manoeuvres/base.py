@@ -17,7 +17,7 @@ from agrobot_mj.tyres import Linear
 from agrobot_mj.tyres.bearing import FIRM
 
 BICYCLE = "bicycle"
-"""Subject of the checks of the bicycle model. For a MuJoCo tractor, the subject is the type of its tyres."""
+"""Subject of checks on the bicycle model. The subject of checks on a MuJoCo tractor is the type of its tyres."""
 
 
 def tractor_of(mass_kg: float) -> TractorParameters:
@@ -150,7 +150,7 @@ class Trial:
         plant.reset(ORIGIN)
 
     def level_plants(self, only_linear: bool = False) -> list[tuple[str, Any, Truth]]:
-        """Return name, plant and initial true state for bicycle and MuJoCo (all tyres or `linear`) on level ground."""
+        """Return name, plant and initial state of the bicycle and of a MuJoCo tractor on each tyre (or on `linear`)."""
         bicycle = BicyclePlant(Bicycle(), STOCK, LEVEL.ground(), Clock.of(0.002))
         chosen = [Linear()] if only_linear else tyres()
         return [(BICYCLE, bicycle, bicycle.reset(ORIGIN)), *((tyre.kind, *self.mujoco(tyre)) for tyre in chosen)]

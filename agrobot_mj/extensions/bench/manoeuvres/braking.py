@@ -1,7 +1,7 @@
 """Brake
 
-The hydrostat is disconnected, and only the brake on the rear wheels holds the tractor. It is parked facing uphill and
-downhill, and the brake is released slowly. The tractor must begin to roll at the torque
+The hydrostat is disconnected, and only the brake on the rear wheels holds the tractor. The tractor is parked facing
+uphill and downhill, and the brake is released slowly. The tractor must begin to roll at the torque
 
     T = m g sin(theta) r_e,
 
@@ -10,7 +10,7 @@ the brake then stops the tractor from 3 m/s with the deceleration
 
     a = (T / r_e + sum(rho_i N_i)) / (m + sum(I_i / r_i^2)).
 
-Tractors of the same shape with other masses are parked on 12 degrees, with driveline and brake scaled to their size.
+Scaled tractors of other masses are parked on a slope of 12 degrees, with driveline and brake scaled to their size.
 """
 
 from collections.abc import Iterator
@@ -33,11 +33,11 @@ from agrobot_mj.tyres import Linear
 
 GRADE_DEG = 8.0
 FACING = {"nose up": 0.0, "nose down": 180.0}
-"""Direction of steepest ascent [deg], counter-clockwise from east, by orientation of a tractor that faces east."""
+"""Direction of steepest ascent for a tractor facing east [deg], counter-clockwise from east, by its orientation."""
 CAPACITY_N_M, STOPPING_N_M = 1000.0, 700.0
 """Brake torque capacity on the slope, and brake torque for stopping: half of the torque that locks the wheels [N m]."""
 ROLLING_M_S = 0.0003
-"""Speed above which the tractor counts as rolling [m/s]: 1 % of the speed with full rolling resistance."""
+"""Speed above which the tractor counts as rolling [m/s]: 1 % of the speed for full rolling resistance."""
 FROM_M_S, TO_M_S = 2.5, 0.5
 BAND = 0.02
 MASSES_KG, PARKED_DEG = (700.0, 2000.0, 5000.0, 9000.0), 12.0
@@ -46,7 +46,7 @@ FREE = Machine(driveline=Driveline(connected=False, brake_torque_n_m=CAPACITY_N_
 
 
 def released(plant: MujocoPlant, needed: float) -> float:
-    """Release the brake slowly from above `needed` [N m]. Return the torque at which the tractor starts rolling."""
+    """Release the brake slowly from 1.1 times `needed` [N m]. Return the torque at which the tractor starts rolling."""
     torque = 1.1 * needed
     while torque > 0.0:
         truth = plant.advance(Drive(NEUTRAL_V, NEUTRAL_V, torque / CAPACITY_N_M))
@@ -65,7 +65,7 @@ def deceleration(plant: MujocoPlant) -> float:
 
 
 def parked(m: Trial, mass_kg: float) -> float:
-    """Return the displacement of a parked tractor in ten seconds [mm], with tyres scaled to its mass."""
+    """Return the displacement in ten seconds of a parked tractor with tyres scaled to its mass [mm]."""
     share = mass_kg / TractorParameters().mass_kg
     grown = {key: share * value for key, value in Linear().model_dump().items() if key.endswith(("_n_rad", "_n"))}
     slope = Slope(grade_deg=PARKED_DEG, direction_deg=20.0)
@@ -75,7 +75,7 @@ def parked(m: Trial, mass_kg: float) -> float:
 
 
 def holding(m: Trial, tyre: Any) -> Iterator[Check]:
-    """Yield checks of the brake torque that holds the tractor, facing uphill and downhill."""
+    """Yield checks of the brake torque that holds a tractor facing uphill or downhill."""
     for facing, direction in FACING.items():
         plant, _ = m.mujoco(tyre, Slope(grade_deg=GRADE_DEG, direction_deg=direction), FREE)
         radii, _ = Tractor(plant.tractor, tyre).rolling(radians(GRADE_DEG))
@@ -94,7 +94,7 @@ def stopping(m: Trial, tyre: Any) -> Check:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of holding torque, deceleration and parking. Quick mode tests the lightest and heaviest tractor."""
+    """Yield checks of holding torque, deceleration and parking. Quick mode tests the smallest and the largest mass."""
     for tyre in force_tyres():
         yield from holding(m, tyre)
         yield stopping(m, tyre)

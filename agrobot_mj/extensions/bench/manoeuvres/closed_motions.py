@@ -4,7 +4,7 @@ The sliding, rolling and load of a wheel follow random periodic signals. The whe
 rolls forwards, with loads from almost zero to twice the static load of either axle. In the periodic steady state, the
 ground may only dissipate energy. Over one period, the ground must not do positive work on the wheel, for any phases of
 the motions. The work of the load is excluded, because a spring returns it over a period. The check also covers an
-implement in soil whose depth varies.
+implement that works the soil at varying depth.
 """
 
 from collections.abc import Iterator
@@ -128,7 +128,7 @@ def tool_gains(motions: list[Cycle]) -> Array:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the work in random motions of a wheel (each tyre, carcass damped or undamped) and a tool."""
+    """Yield checks of the work in random motions of a tool, and of a wheel with each tyre, with and without damping."""
     rng = np.random.default_rng(SEED)
     motions = [cycle(rng) for _ in range(BRIEFLY if m.quick else MOTIONS)]
     some = motions[: len(motions) // 10]

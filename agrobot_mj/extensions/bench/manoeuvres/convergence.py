@@ -1,7 +1,7 @@
 """Convergence with the physics step
 
 The figure eight is simulated in closed loop with noise, at physics steps of 2 ms and 1 ms. The RMS lateral errors of
-both simulations must be nearly equal. Results of the tyre `contact` are reported, but have no limits.
+both simulations must be nearly equal. Results of the tyre `contact` have no acceptance limits.
 """
 
 from collections.abc import Iterator
@@ -26,8 +26,8 @@ def lateral_rms(tyre: Any, dt: float, duration_s: float | None) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the change of the lateral error with the physics step, for every tyre. Quick mode simulates only
-    the first seconds, on tyres with a force law."""
+    """Yield a check for every tyre: how much the physics step changes the lateral error. Quick mode simulates only the
+    first seconds, on tyres with a force law."""
     for tyre in force_tyres() if m.quick else tyres():
         coarse, fine = (lateral_rms(tyre, dt, BRIEFLY_S if m.quick else None) for dt in (STEP_S, STEP_S / 2))
         change = m.about("change of lateral rms, 2 ms to 1 ms", tyre.kind, "%")

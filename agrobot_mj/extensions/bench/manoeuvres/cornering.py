@@ -2,11 +2,11 @@
 
 The tractor follows a circle of 30 m radius at 1, 2, 3 and 4 m/s. With the lateral acceleration a_y, the required
 steering angle is delta = delta_0 + K a_y. For the bicycle and for the `linear` tyre, the understeer gradient K must
-equal the paper's m (l_r C_r - l_f C_f) / (L C_f C_r). The other tyres understeer about twice as much, for four reasons.
-The outer wheels carry more load and have more rolling resistance, which turns the tractor out of the bend. The
-pneumatic trail shifts side force to the front axle. Rolling resistance unloads the front axle. Cornering stiffness
-grows less than load. The theoretical gradient of these tyres is a straight-line fit to the balances of forces and
-moments at the same speeds. The contact model of MuJoCo has no meaningful slip angle.
+equal the paper's expression m (l_r C_r - l_f C_f) / (L C_f C_r). The other tyres understeer about twice as much, for
+four reasons. The outer wheels carry more load and have more rolling resistance, which turns the tractor out of the
+bend. The pneumatic trail shifts side force to the front axle. Rolling resistance unloads the front axle. Cornering
+stiffness grows less than in proportion to load. The theoretical gradient of these tyres is a straight-line fit to the
+balances of forces and moments at the same speeds. The contact model of MuJoCo has no meaningful slip angle.
 """
 
 from collections.abc import Iterator

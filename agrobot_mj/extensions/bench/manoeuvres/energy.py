@@ -44,7 +44,7 @@ class Wheel:
         self.down = down / np.linalg.norm(down)
 
     def powers(self, velocity: Array, spin: Array) -> tuple[float, float, float]:
-        """Return tyre loss, damping power and power stored in the tyre spring [W], for velocities (3,) in mid-step."""
+        """Return tyre loss, damping power and power stored in the tyre spring [W], at mid-step velocities (3,)."""
         plant, i, n, t = self.plant, self.i, self.n, self.plant.tyred.tyres
         report, wrench = plant.tyred.report[i], plant.data.xfrc_applied[self.body]
         tip = self.centre + t.radius[i] * self.down
@@ -121,7 +121,7 @@ class Books:
 
 
 def balance(plant: MujocoPlant, truth: Any, seconds: float) -> Books:
-    """Simulate the weaving path and return its energy sums. Each call of the plant is one physics step."""
+    """Simulate the weaving path with one plant call per physics step, and return the energy sums."""
     books, driver = Books(plant), Driver(plant, truth, SPEED_M_S)
     for step in range(round(seconds / DT_S)):
         if step % round(TICK_S / DT_S) == 0:

@@ -1,4 +1,4 @@
-"""Figures of the validation: step steer, crab angle on a slope, offset on a slope, understeer. Markers show
+"""Figures of the validation: step steer, crab angle on a slope, offset on a slope, and understeer. Markers show
 measurements, and lines show theory."""
 
 from collections.abc import Callable, Mapping
@@ -28,7 +28,7 @@ STYLES = dict(zip(ESTIMATORS, ("-", "--", ":"), strict=True))
 
 
 def write_figures(found: Mapping[str, Trial], folder: Path) -> list[Path]:
-    """Draw the figures of all manoeuvres in `found` (trials by name) into `folder`, and return the files."""
+    """Write the figures of all manoeuvres in `found` (trials by name) to `folder`, and return the file paths."""
     with mpl.rc_context(STYLE):
         return [
             save(draw(found[manoeuvre].curves), folder / f"{draw.__name__}.png")

@@ -1,9 +1,9 @@
 """Comparison of the filters with filterpy
 
 `estimator.backend = "filterpy"` computes the velocity and pose filters with filterpy's `KalmanFilter` and
-`ExtendedKalmanFilter`. Both backends process the same measurements of a figure eight. Their maximum differences over
-the run are due to rounding alone. In closed loop, rounding differences grow about tenfold in 5 s, so that two runs with
-different backends differ by centimetres at their end.
+`ExtendedKalmanFilter`. Both backends process the same measurements of a figure eight. The maximum differences between
+the backends are due to rounding alone. In closed loop, rounding differences grow about tenfold in 5 s, so that two runs
+with different backends differ by centimetres at their end.
 """
 
 from collections.abc import Iterator
@@ -44,7 +44,8 @@ def _numbers(estimate: Estimate) -> Array:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the backend differences for `ekf` and `ekf_bias`. Quick mode simulates only `BRIEFLY_S`."""
+    """Yield checks of the backend differences for `ekf` and `ekf_bias`. Quick mode simulates only the first
+    `BRIEFLY_S`."""
     for kind in KINDS:
         found = differences(kind, BRIEFLY_S if m.quick else None)
         for quantity, unit, value in zip(

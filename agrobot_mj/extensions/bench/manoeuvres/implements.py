@@ -1,21 +1,21 @@
 """Tractor with an implement: the third axle
 
 The tractor drives with small steering angles at 1 to 3 m/s, on the `linear` tyre without rolling resistance. A mounted
-tool acts as a third axle, rigid with the tractor, at x_t behind the rear axle R and with stiffness C_t. The tractor has
-mass m at l_r ahead of R, the tool mass m_i at x_i behind R. The steady-state lateral speed v and yaw rate gamma at R
-follow from the slip angles of the three axles:
+tool acts as a third axle of stiffness C_t, rigidly attached to the tractor at the distance x_t behind the rear axle R.
+The tractor has mass m at the distance l_r ahead of R, and the tool mass m_i at the distance x_i behind R. The
+steady-state lateral speed v and yaw rate gamma at R follow from the slip angles of the three axles:
 
     F_f = C_f (delta - (v + L gamma) / u),   F_r = -C_r v / u,   F_t = -C_t (v - x_t gamma) / u
     F_f + F_r + F_t = (m + m_i) u gamma
     L F_f - x_t F_t = (m l_r - m_i x_i) u gamma
 
-The pin of a trailer is b behind R, its centre of mass a behind the pin, and its axle d behind the pin. The axle carries
-the lateral force m_i u gamma a / d. The slip angle of the trailer axle at this force determines the angle between
-trailer and tractor. The pin carries the rest of the lateral force, which acts on the tractor like a point mass at the
-pin. At walking pace the motion is purely geometric. The trailer axle then has the turning radius sqrt(R^2 + b^2 - d^2),
-where R is the turning radius of the rear axle.
+A trailer has its pin at the distance b behind R, and its centre of mass and axle at the distances a and d behind the
+pin. The axle carries the lateral force m_i u gamma a / d. The slip angle of the trailer axle at this force determines
+the angle between trailer and tractor. The pin carries the rest of the lateral force, which acts on the tractor like a
+point mass at the pin. At walking pace the motion is purely geometric. The trailer axle then has the turning radius
+sqrt(R^2 + b^2 - d^2), where R is the turning radius of the rear axle.
 
-The draught is that of ASABE D497 at the present speed and depth. At constant speed, the pull at the hitch is the sum of
+The draught is that of ASABE D497 at the current speed and depth. At constant speed, the pull at the hitch is the sum of
 all resistances of the implement.
 """
 
@@ -49,7 +49,7 @@ CHISEL = Tool(type="chisel_plough", size=3.0, depth_m=0.1, texture="fine", noise
 
 
 class Steady(NamedTuple):
-    """Steady-state response of tractor and implement to steering."""
+    """Steady-state response of the tractor and implement to steering."""
 
     gain: float  # Yaw rate divided by steering angle [1/s]
     hitch: float  # Hitch angle divided by steering angle [-]
@@ -92,7 +92,7 @@ class Hauler:
         self.driver = Driver(*m.mujoco(tyre, machine=STOCK._replace(implement=implement)))
 
     def drive(self, speed: float, seconds: float, steer: float) -> dict[str, Array]:
-        """Simulate `seconds` [s]. Return the signals of tractor and implement in the last second, shape (20,) each."""
+        """Simulate `seconds` [s]. Return signals of the tractor and implement in the last second, shape (20,) each."""
         self.driver.speed = speed
         self.driver.go(seconds - 1.0, steer)
         rows, reported = [], [column.name for column in COLUMNS]

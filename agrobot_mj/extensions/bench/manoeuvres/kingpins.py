@@ -3,14 +3,13 @@
 The steering system has a cylinder, a valve section, and kingpins with offset, inclination and friction, all sized for
 the class of the tractor. The wheels are steered at 10 deg/s through the straight-ahead position, both parked and
 rolling at 1 m/s. The theoretical torque of the parked tractor is mu W sqrt(b^2 / 8 + e^2), with the tyre width b and
-the kingpin offset e. This rule is from a manufacturer of steering units [Eaton2006]. The rule assumes blocked wheels.
-Here the wheels roll about their kingpins, so that e adds only rolling resistance. With a relief pressure below the
-parking pressure, the steering stalls at rest and works while the tractor rolls. Without scrubbing, the mean of the
-torques in both directions lifts the weight on inclined kingpins: W h sin(2 s) sin(delta) / 2. Here s is the
-inclination, and h = e + r tan(s) the distance from the kingpin to the wheel at its centre. In a steady bend, the caster
-angle c adds the torque (F_y + W phi) r sin(c). This torque is due to the side force and to the lateral component of the
-weight on an axle with roll phi. Tilting wheels lower the weight, which reduces the torque by W r sin(c)^2 sin(2 delta)
-/ 2.
+the kingpin offset e. This rule of a manufacturer of steering units [Eaton2006] assumes blocked wheels. Here the wheels
+roll about their kingpins, so that e adds only rolling resistance. With a relief pressure below the parking pressure,
+the steering stalls at rest and works while the tractor rolls. Without scrubbing, the mean of the torques in both
+directions lifts the weight on inclined kingpins: W h sin(2 s) sin(delta) / 2. Here s is the inclination, and h = e + r
+tan(s) the distance from the kingpin to the wheel at its centre. In a steady bend, the caster angle c adds the torque
+(F_y + W phi) r sin(c). This torque is due to the side force and to the lateral component of the weight on an axle with
+roll phi. Tilting wheels lower the weight, which reduces the torque by W r sin(c)^2 sin(2 delta) / 2.
 """
 
 from collections.abc import Iterator
@@ -34,7 +33,7 @@ LINKAGE = Linkage(kingpin_offset_m=0.03, kingpin_inclination_deg=8.0, caster_deg
 SIZED = Machine(valve=VALVE, cylinder=CYLINDER, linkage=LINKAGE)
 """Steering system sized for the class of the tractor, as in the scenario `steering_backlash`."""
 RATE_DEG_S, ENDS_DEG, WITHIN_DEG = 10.0, 15.0, 8.0
-"""Rate [deg/s] and end angle [deg] of steering sweeps, and maximum angle for averaging torques [deg]."""
+"""Rate [deg/s] and end angle [deg] of steering sweeps, and half width of the range for averaging torques [deg]."""
 SPEED_M_S = 1.0
 CASTER_DEG = 6.0
 WEAK_BAR = 25.0  # Relief pressure that is too low for steering at standstill [bar]
@@ -55,7 +54,7 @@ def volts(machine: Machine, side: int, rate_deg_s: float) -> float:
 
 
 def driver_of(plant: MujocoPlant, speed: float) -> Driver:
-    """Return the true-state controller of a tractor at rest, or rolling straight ahead at `speed` [m/s]."""
+    """Return the `Driver` of a tractor that is at rest or rolls straight ahead at `speed` [m/s]."""
     driver = Driver(plant, plant.reset(ORIGIN), speed)
     if speed:
         driver.go(3.0)
@@ -94,7 +93,7 @@ def loaded_radius(plant: MujocoPlant) -> float:
 
 
 def parked(m: Trial, tyre: Any) -> Iterator[Check]:
-    """Yield checks of steering torque and pressure, parked and rolling, for two kingpin offsets."""
+    """Yield checks of steering torque and pressure of a parked and a rolling tractor, for two kingpin offsets."""
     for offset in (0.0, LINKAGE.kingpin_offset_m):
         machine = changed(kingpin_offset_m=offset)
         plant, _ = m.mujoco(tyre, machine=machine)
@@ -110,7 +109,7 @@ def parked(m: Trial, tyre: Any) -> Iterator[Check]:
 
 
 def stalled(m: Trial, tyre: Any) -> Iterator[Check]:
-    """Yield checks of the steering rate with a low relief pressure, parked and rolling."""
+    """Yield checks of the steering rate of a parked and of a rolling tractor at a low relief pressure."""
     machine = SIZED._replace(cylinder=CYLINDER.model_copy(update={"relief_pressure_bar": WEAK_BAR}))
     plant, _ = m.mujoco(tyre, machine=machine)
     rates = []

@@ -1,10 +1,10 @@
 """Axle loads on slopes
 
 The wheel loads of a tractor parked on 15 degrees must equal the static loads. If the tractor faces uphill or downhill,
-the static loads follow from moments about an axle, with the pitch due to tyre deflection. Across the slope, the static
-loads follow from moments about the line through the pivot of the front axle. These moments take into account the roll
-due to rear tyre deflection and the side deflection of the carcasses. The pivot transfers the complete roll moment of
-the body to the rear wheels.
+the static loads follow from moments about an axle, including pitch due to tyre deflection. Across the slope, the static
+loads follow from moments about the line through the pivot of the front axle. These moments include the effects of roll
+due to rear tyre deflection and of side deflection of the carcasses. The pivot transfers the complete roll moment of the
+body to the rear wheels.
 """
 
 from collections.abc import Iterator

@@ -1,9 +1,9 @@
 """Machines along a side slope
 
 Every machine of `agrobot-mj list --machines` drives `side_slope_10` without its implement and without GNSS noise. The
-guidance law is that of the scenario, with the gains of the section on closed-loop guidance. The machine must be at rest
-at the start. While the machine moves, the slip angle of its rear wheels must support their fraction of m g sin(theta).
-The theory is that of the section on the side slope, with the dimensions and tyres of the machine. The offset from the
+guidance law of the scenario uses the gains of the section on closed-loop guidance. The machine must be at rest at the
+start. While the machine moves, the slip angle of its rear wheels must correspond to their fraction of m g sin(theta).
+The theory of the section on the side slope is applied to the dimensions and tyres of the machine. The offset from the
 line is compared with the closed form given in the section on closed-loop guidance, evaluated for the measured roll,
 crab and steering angles.
 """

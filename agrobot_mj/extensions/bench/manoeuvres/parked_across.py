@@ -1,11 +1,11 @@
 """Parked across a slope, by size
 
-A tractor is parked across a slope, on soft soil and on firm ground, with the transmission in neutral. It has its
-default size or is enlarged by half. Masses scale with the cube of the length, inertias with its fifth power, and tyre
-stiffnesses with its square. At the start, the tractor must be at rest (slower than 0.5 mm/s). Afterwards it must
-neither move nor sink further. Its lower wheels must carry the fraction 1/2 + (h / b) tan(slope) of the load. Here h is
-the height of the centre of gravity, and b the track width. Roll and side deflection of the tyres increase this fraction
-by the theory of the section on axle loads. Roll on soil shifts the centre of gravity slightly further.
+A tractor is parked across a slope, on soft soil and on firm ground, with the transmission in neutral. The tractor has
+its default size or is enlarged by half. Masses scale with the cube of the length, inertias with its fifth power, and
+tyre stiffnesses with its square. At the start, the tractor must be at rest (slower than 0.5 mm/s). Afterwards the
+tractor must neither move nor sink further. The lower wheels must carry the fraction 1/2 + (h / b) tan(slope) of the
+load. Here h is the height of the centre of gravity, and b the track width. Roll and side deflection of the tyres
+increase this fraction, as in the section on axle loads. Roll on soil shifts the centre of gravity slightly further.
 """
 
 from collections.abc import Iterator

@@ -1,12 +1,12 @@
 """Published reference values
 
-Results are compared with numbers from outside the project. Four loaded radii, by tyre size code, are from a dealer in
+Results are compared with published numbers. Four loaded radii of tyres with given size codes are from a dealer in
 row-crop wheels [BWT2026]. For these tyres, the usual loads at 1.6 bar are assumed. The fifth radius is from a data
-sheet with load and pressure [Mitas2026]. A table for farmers [Arizona2026] gives the maximum efficiency of utility
-tractors with rear-wheel drive, and the slip at this efficiency. The efficiency is drawbar power divided by power at the
-power take-off, with load transfer, gear losses and tyre sizes of this class. The tip-over angle of every machine is
-reported next to the 38 degrees that narrow tractors must reach in a stability test [OECD2012]. This angle has no
-acceptance limits, because the methods differ.
+sheet that gives load and pressure [Mitas2026]. A table for farmers [Arizona2026] gives the maximum efficiency of
+utility tractors with rear-wheel drive, and the slip at this efficiency. The efficiency is drawbar power divided by
+power at the power take-off. The calculation includes load transfer, gear losses and tyre sizes of this class. The
+tip-over angle of every machine is reported next to the limit of 38 degrees that narrow tractors must reach in a
+stability test [OECD2012]. This angle has no acceptance limits, because the methods differ.
 """
 
 from collections.abc import Iterator

@@ -1,15 +1,15 @@
 """Crab angle across a side slope
 
-The tractor is steered along the contour on a straight course. It crabs: its heading points uphill of its course. Two
-angles are measured, each with a separate theory. The *crab of the heading* is the slip angle of the rear wheels. The
-*mean crab* is the mean angle of front and rear wheels to the course, weighted by cornering stiffness.
+The tractor is steered along the contour on a straight course. The tractor crabs: its heading points uphill of its
+course. Two angles are measured. The *crab angle of the heading* is the slip angle of the rear wheels. The *mean crab
+angle* is the mean angle of the front and rear wheels to the course, weighted by cornering stiffness.
 
-Crab of the heading: the rear axle carries the fraction of m g sin(theta) given by the yaw balance, about l_f / L.
+Crab angle of the heading: the rear axle carries the fraction of m g sin(theta) given by the yaw balance, about l_f / L.
 Rolling resistance, larger on the lower wheels, and the pneumatic trails shift some of the side force to the front axle.
 
-Mean crab: both side forces always sum to m g sin(theta), so that in the linear range the mean crab is m g sin(theta) /
-(C_f + C_r). It has acceptance limits while the tyre force at that slip is within 3 % of its tangent at zero. The crab
-of the heading is smaller than the mean and that of the front wheels larger, because the tractor understeers.
+Mean crab angle: both side forces always sum to m g sin(theta), so that in the linear range the mean angle is m g
+sin(theta) / (C_f + C_r). Acceptance limits apply if the tyre force at this slip is within 3 % of its tangent at zero
+slip. Due to understeer, the angle is below the mean for the rear wheels and above for the front wheels.
 """
 
 from collections.abc import Iterator
@@ -30,7 +30,7 @@ LINEAR_SHARE = 0.97
 
 
 def traverse(driver: Driver, grade_deg: float, seconds: float) -> tuple[float, float]:
-    """Return the angles of rear and front wheels to the course [deg], in the ground plane and positive uphill."""
+    """Return the angles of the rear and front wheels to the course [deg], in the ground plane and positive uphill."""
     trace = driver.go(seconds, track_course())
     heading = atan(tan(trace.mean("yaw", 3.0)) / cos(radians(grade_deg)))
     return degrees(heading), degrees(heading + trace.mean("steer", 3.0))
@@ -49,8 +49,8 @@ def run(m: Trial) -> Iterator[Check]:
 
 
 def _against(m: Trial, tyre: Any, grade: float, rear: float, front: float) -> list[Check]:
-    heading = m.about(f"crab of the heading, {grade:g} deg", tyre.kind, "deg")
-    mean = m.about(f"mean crab, {grade:g} deg", tyre.kind, "deg")
+    heading = m.about(f"crab angle of the heading, {grade:g} deg", tyre.kind, "deg")
+    mean = m.about(f"mean crab angle, {grade:g} deg", tyre.kind, "deg")
     if not tyre.judged:
         return [heading.reported(rear), mean.reported((rear + front) / 2)]
     paper = Tractor(tyre=tyre)

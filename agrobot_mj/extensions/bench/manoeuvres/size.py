@@ -4,10 +4,10 @@ Tractors of 0.7 to 9 t are scaled in proportion: lengths with the cube root of t
 squared. Tyre and steering properties follow from load and size. All tractors must have the same crab angle across a
 slope. With the stiffness k of an axle divided by its static load, sin(grade) = (w_f k_f + w_r k_r) alpha for any mass.
 Here w is the fraction of the weight on an axle, and alpha the mean slip angle of the axles, weighted by stiffness. At
-its static load, the peak force of a wheel is mu times the load. The steering torque at standstill must follow the rule
+the static load of a wheel, the peak force is mu times this load. The steering torque at standstill must follow the rule
 of steering manufacturers [Eaton2006], which is proportional to load times width. The wheels must reach their stops. A
-trailer has half the mass of the tractor, and tyres with the law of the rear tyres. The trailer must have the crab angle
-of the tractor and stay in line.
+trailer has half the mass of the tractor, and tyres with the law of the rear tyres. The trailer must have the same crab
+angle as the tractor and stay in line with the tractor.
 """
 
 from collections.abc import Iterator
@@ -49,7 +49,7 @@ def trailer(mass_kg: float) -> Drawn:
 
 
 def crab(m: Trial, machine: Machine) -> tuple[float, float]:
-    """Return the stiffness-weighted mean slip angle of both axles and the hitch angle (0 without implement) [deg]."""
+    """Return the stiffness-weighted mean slip angle of both axles and the hitch angle (0 if there is none) [deg]."""
     plant, truth = m.mujoco(TYRE, Slope(grade_deg=GRADE_DEG, direction_deg=90.0), machine)
     # equal speed in wheelbases per second, because the driver's gains are those of a compact tractor
     speed = SPEED_M_S * machine.tractor.wheelbase_m / TractorParameters().wheelbase_m
@@ -86,7 +86,7 @@ def run(m: Trial) -> Iterator[Check]:
         slipped, _ = crab(m, machine)
         _, folded = crab(m, machine._replace(implement=trailer(mass / 2)))
         torque, reached = parked(m, machine)
-        about = m.about(f"mean crab, {GRADE_DEG:g} deg, {size}", TYRE.kind, "deg")
+        about = m.about(f"mean crab angle, {GRADE_DEG:g} deg, {size}", TYRE.kind, "deg")
         yield about.near(slipped, crab_of_any_mass(tractor, TYRE, GRADE_DEG), BAND)
         for axle, wheel, curve in (("front", FRONT, TYRE.front), ("rear", REAR, TYRE.rear)):
             about = m.about(f"peak force divided by static load, {axle}, {size}", TYRE.kind)

@@ -1,13 +1,13 @@
 """Sliding wheels
 
-A rear wheel on the rig carries its static load. It is either locked and pulled at an angle to its heading, or spins
-while it also moves sideways. Friction acts opposite to the sliding velocity (v_x - rim, v_y). Above 80 % slip, the
+A rear wheel on the rig carries its static load. The wheel is either locked and pulled at an angle to its heading, or
+spins while moving sideways. Friction acts opposite to the sliding velocity (v_x - v_rim, v_y). Above 80 % slip, the
 force may deviate from this direction by at most 5 degrees. The tolerance includes the motion resistance of soil, which
 acts along the heading. On soil, the net traction must equal that of the standard [ASAE2003] up to 95 % slip,
 
     F_x / W = 0.88 (1 - exp(-0.1 B_n)) (1 - exp(-7.5 s)) - 1 / B_n - 0.5 s / sqrt(B_n).
 
-Every tyre must dissipate power. `linear` has unlimited grip, so its force direction is reported without limits.
+Every tyre must dissipate power. `linear` has unlimited grip, so its force direction has no acceptance limit.
 """
 
 from collections.abc import Iterator
@@ -30,7 +30,7 @@ LOAD_N = TRACTOR.rear_axle_load / 2
 
 
 def lean(tyre: Any, forward: float, left: float, rim: float) -> float:
-    """Return the angle between tyre force and direction opposite to sliding [deg], for wheel and rim speeds [m/s]."""
+    """Return the angle between the tyre force and the direction opposite to sliding [deg], at given speeds [m/s]."""
     setting = Setting(forward, atan2(left, forward), rim / forward - 1.0, LOAD_N)
     reading = Rig(tyre, TRACTOR, REAR).steady(setting)
     power = reading.fx * (rim - forward) - reading.fy * left

@@ -1,8 +1,8 @@
 """Random driving for ten minutes
 
-Steering and pedal voltages change at random, on level ground and on a field of ISO 8608 class E, on every tyre. All
-numbers must stay finite, without MuJoCo warnings. A tractor that rolls over (frequent on `linear`, which has unlimited
-grip) or leaves the field restarts at the origin.
+Steering and pedal voltages change at random, on level ground and on a field of ISO 8608 class E, with every tyre. All
+numbers must stay finite, and MuJoCo must give no warnings. A tractor that rolls over (frequent on `linear`, which has
+unlimited grip) or leaves the field restarts at the origin.
 """
 
 from collections.abc import Iterator

@@ -74,7 +74,7 @@ def steepest_start(m: Trial, s: Scenario, about_deg: float) -> float:
 
 
 def drift(m: Trial, s: Scenario, tyre: Any, grade_deg: float) -> float:
-    """Return the displacement of a parked machine with a given tyre and its brake applied [mm]."""
+    """Return the displacement of a parked machine on a given tyre, with the brake applied [mm]."""
     ground = Slope(grade_deg=grade_deg, direction_deg=DIAGONALLY_DEG) if grade_deg else Flat()
     plant, start = m.mujoco(tyre, ground, s.vehicle)
     *_, end = hold(plant, BRIEFLY_S if m.quick else PARKED_S, BRAKED)
@@ -92,7 +92,8 @@ def deceleration(m: Trial, s: Scenario) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of machines (start, parking, braking) and parked tyres. Quick mode tests 2 machines for 30 s."""
+    """Yield checks of start, parking and braking of each machine, and of parking on each tyre. Quick mode tests two
+    machines and parks for 30 s."""
     for machine in QUICK if m.quick else machine_files():
         yield from _machine(m, bare(machine), machine)
     for kind, tyre in families()["plant.tyre"].items():

@@ -1,13 +1,13 @@
 """Electro-hydraulic steering, measured at the wheels
 
-At 1.2 m/s, constant voltages give steady steering rates. Plotted over voltage, the rates form two lines and a plateau.
-The zero crossings of the lines are the dead band, their slopes are the gains, and the plateau is the rate limit. A
-voltage step gives delay and time constant, by a least-squares fit of the valve law to the steering angle. In MuJoCo,
-the oil column increases the delay by its damping divided by its stiffness, 8 ms.
+At 1.2 m/s, constant voltages give steady steering rates. Plotted versus voltage, the rates form two lines and a
+plateau. The zero crossings of the lines are the dead band, their slopes are the gains, and the plateau is the rate
+limit. A voltage step gives the delay and the time constant, by a least-squares fit of the valve law to the steering
+angle. In MuJoCo, the oil column increases the delay by 8 ms, its damping divided by its stiffness.
 
-The oil carries load. Steering the wheels of a parked tractor needs the pressure that twists two contact patches;
-rolling removes that twist. A torque on the wheels above the relief torque rotates them at the relief pressure. After
-five seconds at a stop, the steering must leave the stop as quickly as with a rigid cylinder, without wind-up.
+The cylinder pressure depends on the load. On a parked tractor, the pressure must twist two contact patches; rolling
+removes this twist. A torque on the wheels above the relief torque rotates them at the relief pressure. After five
+seconds at a stop, the steering must leave the stop as quickly as with a rigid cylinder, without wind-up.
 """
 
 from collections.abc import Iterator
@@ -29,7 +29,7 @@ SPEED_M_S = 1.2
 RAMP_V = (0.5, 1.0, 2.0, 3.0)  # Voltages relative to neutral, above the dead band and below saturation [V]
 STEP_V = 3.0  # Voltage of the step [V], relative to neutral
 STATIC_BAND, TIME_BAND, DELAY_BAND_S = 0.02, 0.05, 0.005
-"""Acceptance limits of dead band, gains and rate limit [relative], time constant [relative], delay [s] (2.5 steps)."""
+"""Relative limits of dead band, gains and rate limit, and of the time constant; limit of the delay [s] (2.5 steps)."""
 PHYSICS_S = 0.002
 
 
@@ -49,7 +49,7 @@ def angles(trace: Trace) -> Array:
 
 
 def rolling(plant: Any, speed: float) -> Driver:
-    """Return the true-state controller of a tractor that rolls straight ahead, with the steering valve in neutral."""
+    """Return the `Driver` of a tractor that rolls straight ahead at `speed` [m/s], with the valve in neutral."""
     driver = Driver(plant, plant.reset(ORIGIN), speed)
     driver.go(3.0)
     driver.go_by_voltage(1.0, NEUTRAL_V)
@@ -64,7 +64,7 @@ def steady_rate(plant: Any, volts: float) -> float:
 
 
 def step_response(t: Array, delay: float, tau: float, gain: float, dead_band: float) -> Array:
-    """Return the angle after a voltage step `STEP_V` [rad]: gain times integral of spool voltage beyond dead band."""
+    """Return the angle [rad] after a step of `STEP_V`: gain times integral of the voltage beyond the dead band."""
     begins = -tau * log(1 - dead_band / STEP_V)
     s = np.maximum(t - delay, begins)
     swept: Array = (STEP_V - dead_band) * (s - begins) - STEP_V * tau * (exp(-begins / tau) - np.exp(-s / tau))
@@ -117,7 +117,7 @@ def turning_pressure(plant: MujocoPlant, speed: float) -> float:
 
 
 def load_dependence(m: Trial, tyre: Any, plant: MujocoPlant) -> Iterator[Check]:
-    """Yield checks of the cylinder pressure during steering, parked and rolling."""
+    """Yield checks of the cylinder pressure while a parked and a rolling tractor are steered."""
     tyres, front = plant.tyred.tyres, plant.tractor.front_axle_load
     patch, twisting = tyres.patch_half_length[0], DRY_GRIP * front * tyres.scrub_arm[0] / Cylinder().displacement / 1e5
     parked, rolled = turning_pressure(plant, 0.0), turning_pressure(plant, SPEED_M_S)

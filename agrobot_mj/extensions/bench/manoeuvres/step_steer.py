@@ -4,9 +4,10 @@ At 4 m/s, a voltage pulse steers the wheels to 3 degrees, nearly as fast as the 
 divided by the steering angle is the kinematic value u / L, reduced by slip. The theory solves the balance of forces and
 moments in the bend for the curvature.
 
-The response time is from half the steering angle to 90 % of the yaw rate. The tyres of the bicycle respond at once; the
-other tyres respond over their relaxation length sigma, 0.42 m in front and 0.63 m behind, which delays the yaw rate and
-then causes overshoot. For `linear`, the theory is the bicycle with relaxation and roll for the measured steering angle:
+The response time is measured from half the steering angle to 90 % of the yaw rate. The tyres of the bicycle respond at
+once; other tyres respond over their relaxation length sigma, 0.42 m in front and 0.63 m behind, which delays the yaw
+rate and then causes overshoot. For `linear`, the theory is the bicycle with relaxation and roll for the measured
+steering angle:
 
     sigma ds/dt = w - u s,   F = -C s,   w_f = v + l_f gamma - u delta,   w_r = v - l_r gamma
 

@@ -17,10 +17,10 @@ from agrobot_mj.simulation.results import results, write_json, write_text
 HEAD = """# Validation
 
 The bicycle model and the MuJoCo tractor, with each type of tyre, are compared with theory in the manoeuvres below.
-`agrobot-mj validate` runs them, writes this page with its figures, and fails if a number is outside its band. Except
-in closed-loop manoeuvres, the controller uses true values instead of measurements. The parameters are the defaults of
-[models](../../reference/models.md). The module docstrings of `agrobot_mj/extensions/bench/manoeuvres/` give the
-details.
+`agrobot-mj validate` runs all manoeuvres, writes this page with its figures, and fails if a number is outside its
+acceptance band. Except in closed-loop manoeuvres, the controller uses true values instead of measurements. The
+parameters are the defaults of [models](../../reference/models.md). The module docstrings of
+`agrobot_mj/extensions/bench/manoeuvres/` give the details.
 
 A cell contains the measured value, followed by the theoretical value in brackets where theory differs between tyres.
 Numbers in *italics* have no band: theory is missing, or the tyre is `contact`, which has no slip law. Numbers in
@@ -57,7 +57,7 @@ def section(name: str, text: str, checks: Sequence[Check]) -> str:
 
 
 def opening(text: str) -> str:
-    """Return a docstring up to the first paragraph ending with a full stop. Indented equations become code blocks."""
+    """Return a docstring, ending with the first paragraph that ends with a full stop. Equations become code blocks."""
     blocks = []
     for block in text.strip().split("\n\n"):
         equation = block.startswith("    ")

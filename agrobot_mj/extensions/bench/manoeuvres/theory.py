@@ -1,9 +1,9 @@
 """Theory of the tractor: loads, slip angles and tipping under a steady lateral acceleration, from parameters only.
 
-Vehicle axes (x forward, y left, z up), origin R below the rear axle. In the frame of the tractor, a side slope `grade`
-with the left side uphill is equivalent to a left bend: lateral acceleration a = g sin(grade) and gravity g_n = g
-cos(grade); a bend on level ground has a = u gamma and g_n = g. The tyre forces on the tractor sum to m a to the left;
-the right side carries more load.
+The vehicle axes are x (forward), y (left) and z (up), with the origin R below the rear axle. In the frame of the
+tractor, a side slope `grade` with the left side uphill is equivalent to a left bend: lateral acceleration a = g
+sin(grade) and gravity g_n = g cos(grade); a bend on level ground has a = u gamma and g_n = g. The tyre forces on the
+tractor sum to m a to the left; the right side carries more load.
 
 The front axle is mounted on a roll pivot P, which transmits no roll moment within its stops. For the body (index b:
 chassis and rear wheels) and the front assembly (index f), each with mass, CG and height:
@@ -144,7 +144,7 @@ class Tractor:
         return 2 * SPIN_GYRATION_2 * front, 2 * SPIN_GYRATION_2 * rear
 
     def slip(self, i: int, x: float, y: float, load: float) -> tuple[TyreLaw, Slip]:
-        """Return the tyre law and the slip state of wheel `i` for the slips `x`, `y` [-] and a load [N]."""
+        """Return tyre law and slip state of wheel `i` for longitudinal and lateral slip `x`, `y` [-] and a load [N]."""
         t = self.tyres
         return (t.front if i < 2 else t.rear), Slip(x, y, load, load / t.stiffness[i], ROLLING_M_S, self.footing)
 
@@ -183,7 +183,7 @@ class Tractor:
     def balance(self, a: float, g_n: float = GRAVITY, curvature: float = 0.0, rolling: bool = True) -> Balance:
         """Return the steady state at lateral acceleration `a` and gravity `g_n` normal to the ground [m/s2].
 
-        The path has a `curvature` [1/m]. If not `rolling`, the tractor is parked.
+        `curvature` is the curvature of the path [1/m]. If `rolling` is false, the tractor is parked.
         """
         p = self.p
         l_f, l_r, L, T = p.cg_to_front_axle, p.cg_to_rear_axle, p.wheelbase_m, p.track_m
@@ -225,7 +225,7 @@ class Tractor:
         return front * self.parts.pivot_z + rear * radius - (front + rear) * self.p.track_m**2 / (12 * radius)
 
     def scrub(self, loads: Array, curvature: float) -> float:
-        """Return the yaw moment [N m] with which scrubbing patches resist turning on a path `curvature` [1/m]."""
+        """Return the yaw moment [N m] with which scrubbing patches resist turning at a path `curvature` [1/m]."""
         t = self.tyres
         rolls = t.twist_relaxation * t.twist_stiffness * abs(curvature)
         return float(np.minimum(rolls, DRY_GRIP * loads * t.scrub_arm).sum())
@@ -235,19 +235,19 @@ class Tractor:
         return self.tyres.trail * float(np.exp(-abs(tan(slip)) / TRAIL_SLIP))
 
     def side_slope(self, grade_deg: float, rolling: bool = True) -> Balance:
-        """Return the steady state across a slope, left side uphill. If not `rolling`, the tractor is parked."""
+        """Return the steady state of a rolling or parked tractor across a slope whose left side is uphill."""
         grade = radians(grade_deg)
         return self.balance(GRAVITY * sin(grade), GRAVITY * cos(grade), rolling=rolling)
 
     @property
     def axle_stiffness(self) -> tuple[float, float]:
-        """Cornering stiffnesses of front and rear axle at static loads on level ground [N/rad]."""
+        """Cornering stiffnesses of the front and rear axles at static loads on level ground [N/rad]."""
         small = 1e-5
         front, rear = (2 * self.lateral(i, small, self.static(i)) / small for i in (0, 2))
         return front, rear
 
     def understeer_gradient(self, speeds: Array, radius: float) -> float:
-        """Return K in delta = delta_0 + K a_y [rad s2/m], for bends of a `radius` [m] at the `speeds` [m/s]."""
+        """Return the understeer gradient [rad s2/m], fitted to bends of a `radius` [m] at the `speeds` [m/s]."""
         a = speeds**2 / radius
         states = [self.balance(value, curvature=1 / radius) for value in a]
         return float(np.polyfit(a, [state.front_slip - state.rear_slip for state in states], 1)[0])
@@ -282,8 +282,7 @@ def understeer_gradient(tractor: TractorParameters, C_f: float, C_r: float) -> f
 def crab_of_any_mass(tractor: TractorParameters, tyre: MagicFormula, grade_deg: float) -> float:
     """Return the mean slip angle across a slope of a tractor whose tyres are sized to their static loads [deg].
 
-    The angle is sin(grade) divided by the ratio of stiffness to load, averaged over the axles with their load
-    fractions.
+    The angle is sin(grade) divided by the mean ratio of stiffness to load, weighted by the axle load fractions.
     """
     share = tractor.front_load_fraction
     front, rear = share * tyre.front.lateral.stiffness_per_load, (1 - share) * tyre.rear.lateral.stiffness_per_load

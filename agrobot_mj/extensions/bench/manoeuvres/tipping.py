@@ -1,13 +1,13 @@
 """Sideways tip-over
 
 Gravity is tilted slowly, as if the field of a parked tractor were raised at one side, until the tractor rolls over. The
-slope at which the upper rear wheel finally leaves the ground is compared with theory. The front axle rotates about its
-pivot and carries no roll moment. Therefore the tractor tips about the line from the lower rear contact patch to that
-pivot, at about 35 degrees. Tipping about the line through both downhill patches would need 42 degrees, but the pivot
-reaches its stops only above this angle. The theory includes the roll of the body on its tyres and the side deflection
-of the carcass, which reduce the angle by several degrees. Unequal deflection of the axles makes the tractor yaw. The
-contact patches resist this yaw, which increases the angle by up to 1.2 degrees. On tyres with insufficient grip, the
-tractor slides first.
+slope at which the upper rear wheel leaves the ground is compared with theory. The front axle rotates about its pivot
+and carries no roll moment. Therefore the tractor tips about the line from the lower rear contact patch to the pivot, at
+about 35 degrees. Tipping about the line through both downhill patches would need 42 degrees, but the pivot reaches its
+stops only above this angle. The theory includes the roll of the body on its tyres and the side deflection of the
+carcass, which reduce the angle by several degrees. Unequal deflection of the axles makes the tractor yaw. The contact
+patches resist this yaw, which increases the angle by up to 1.2 degrees. On tyres with insufficient grip, the tractor
+slides first.
 """
 
 from collections.abc import Iterator
@@ -44,7 +44,7 @@ class TiltTest(NamedTuple):
 def tilt(plant: MujocoPlant, left_side_up: bool, last_deg: float = TO_DEG) -> TiltTest:
     """Tilt gravity up to `last_deg`, or until the tractor rolls over or slides. Return the result.
 
-    Gravity remains tilted across the tractor, although the tractor yaws by some degrees on its tyres.
+    The tilt direction follows the yaw of the tractor, which changes by some degrees on its tyres.
     """
     side, upper = (1.0, WHEELS.index("rl")) if left_side_up else (-1.0, WHEELS.index("rr"))
     start = truth = plant.truth()

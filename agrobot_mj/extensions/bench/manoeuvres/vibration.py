@@ -29,7 +29,7 @@ LOADED_S, DURATION_S, BRIEFLY_S = 1.0, 60.0, 20.0
 FREQUENCY_HZ = 8.0
 SWINGS = (0.01, 0.05)  # Amplitudes of the load oscillation divided by the mean load [-]
 DEEPER_MM, SAME_MM = 1.0, 0.1
-"""Maximum increase of the rut by oscillation, and maximum difference from one loading with the maximum load [mm]."""
+"""Maximum depth that oscillation adds to a rut, and maximum deviation from the rut under a constant peak load [mm]."""
 COUNT = 5  # Number of full load cycles
 FRAME = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 STIFFNESS = 2e6  # Stiffness by which the iteration converts a change of load to a change of depth [N/m]
@@ -74,7 +74,7 @@ def rut(tyre: Ruts, loadings: list[Loading]) -> list[float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of ruts under oscillating loads and full load cycles. Quick mode lasts a third of the duration."""
+    """Yield checks of ruts under oscillating loads and full load cycles. In quick mode, oscillations are shorter."""
     tyre, seconds = Ruts(), BRIEFLY_S if m.quick else DURATION_S
     once = Loading(LOAD_N, 0.0, FREQUENCY_HZ, 0.0)
     (still,) = rut(tyre, [once])

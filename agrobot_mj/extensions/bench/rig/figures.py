@@ -64,7 +64,7 @@ def combined(table: pa.Table) -> Figure:
 
 
 def step(table: pa.Table) -> Figure | None:
-    """Plot lateral force divided by its steady value versus distance after a slip-angle step, one curve per speed."""
+    """Plot the ratio of lateral to steady force versus distance after a slip-angle step, with one curve per speed."""
     if not _rows(table, test="step").num_rows:
         return None
     figure, grid = _panels(table)

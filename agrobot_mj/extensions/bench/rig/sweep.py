@@ -143,7 +143,7 @@ def both_ways(values: Array) -> Array:
 
 
 def _tests(rig: TestBench, static: float) -> Iterator[Row]:
-    """Yield result rows of one wheel: test, speed, load, slip angle, slip ratio, distance, forces, moment, contact."""
+    """Yield result rows of one wheel: test name, rig setting, distance, forces, moment and contact fraction."""
     loads = [share * static for share in LOADS]
     others = [speed for speed in SPEEDS_M_S if speed != SPEED_M_S]
     for test, settings in (("lateral", lateral), ("longitudinal", longitudinal)):

@@ -41,7 +41,7 @@ class Towed:
         self.load = 0.0
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Return forces, moment and contact at each step since the start of the motion, shape (steps, 5)."""
+        """Return one `Reading` per step since the start of the motion, shape (steps, 5)."""
         self._carry(setting.load)
         model, data = self.model, self.data
         data.qpos[:], data.time = self.settled, 0.0
@@ -54,7 +54,7 @@ class Towed:
         return out
 
     def steady(self, setting: Setting) -> Reading:
-        """Return forces, moment and contact in steady state, averaged over time."""
+        """Return forces, moment and contact fraction in steady state, averaged over time."""
         readings = self.history(setting, STEADY_S * setting.speed)
         return Reading(*readings[len(readings) // 2 :].mean(axis=0).tolist())
 
@@ -71,12 +71,12 @@ class Towed:
         self.radius = float(self.model.geom(f"{PREFIX}tyre_{WHEELS[self.wheel]}").size[0]) - depth / 2
 
     def _velocity(self, setting: Setting) -> tuple[float, float, float]:
-        """Return the sled velocities along x and y [m/s], and the wheel spin for the mean contact radius [rad/s]."""
+        """Return the sled velocities along x and y [m/s], and the wheel spin [rad/s] from the mean contact radius."""
         v = setting.speed
         return v, v * float(np.tan(setting.slip_angle)), (1.0 + setting.slip_ratio) * v / self.radius
 
     def _read(self) -> tuple[float, float, float, float, float]:
-        """Return forces, moment and contact in this step, with signs such that the normal force is positive."""
+        """Return the `Reading` of this step, with signs such that the normal force is positive."""
         touches, fx, fy, fz = self.data.sensor("contact").data.tolist()
         sign = 1.0 if fz > 0.0 else -1.0
         return sign * fx, sign * fy, 0.0, sign * fz, float(touches > 0.0)

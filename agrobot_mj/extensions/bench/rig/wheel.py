@@ -21,7 +21,7 @@ from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, TyreSet, WheelMotion
 DT_S = 0.002  # Time step of the rig [s], equal to the default physics step
 SETTLE_LENGTHS = 25.0  # Distance before a measurement [relaxation lengths]; a transient decays by exp(-25) = 1e-11
 MOST_RADII = 10.0
-"""Maximum relaxation length divided by free radius [-], as in a scenario. Longer relaxation needs too much time."""
+"""Maximum relaxation length divided by free radius [-], as in scenarios. Longer relaxation makes tests too long."""
 FRONT, REAR = 0, 2  # Indices of the front and rear wheel whose tyres are tested
 AXLES = {"front": FRONT, "rear": REAR}
 
@@ -57,15 +57,15 @@ class TestBench(Protocol):
     """Relaxation length of the tyre [m], or 0 for a tyre without relaxation."""
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Return forces, moment and contact at each step since the start of the motion, shape (steps, 5)."""
+        """Return one `Reading` per step since the start of the motion, shape (steps, 5)."""
 
     def steady(self, setting: Setting) -> Reading:
-        """Return forces, moment and contact in steady state."""
+        """Return the forces, the moment and the contact fraction in steady state."""
 
 
 @jit
 def drive_wheel(tyres: TyreSet, i: int, ground: Ground, setting: Setting, dt: float, out: Array) -> None:
-    """Simulate the rig wheel from undeflected bristles, and write one `Reading` per step to `out`, shape (steps, 5)."""
+    """Simulate the rig wheel with initially undeflected bristles. Write one `Reading` per step to `out` (steps, 5)."""
     deflection = setting.load / tyres.stiffness[i]
     r_e = tyres.radius[i] - deflection / 3.0
     centre = (0.0, 0.0, tyres.radius[i] - deflection)
@@ -92,13 +92,13 @@ class Rig:
             raise ValueError(f"the relaxation length must be at most {MOST_RADII:g} wheel radii, got {radii:g}")
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Return forces, moment and contact at each step, shape (steps, 5), starting with undeflected bristles."""
+        """Return one `Reading` per step of a motion that starts with undeflected bristles, shape (steps, 5)."""
         out = np.zeros((max(2, round(distance_m / (setting.speed * self.dt))), 5))
         drive_wheel(self.tyres, self.wheel, self.ground, setting, self.dt, out)
         return out
 
     def steady(self, setting: Setting) -> Reading:
-        """Return forces, moment and contact in steady state."""
+        """Return the forces, the moment and the contact fraction in steady state."""
         return Reading(*self.history(setting, SETTLE_LENGTHS * self.relaxation_at(setting.load))[-1].tolist())
 
     def relaxation_at(self, load: float) -> float:

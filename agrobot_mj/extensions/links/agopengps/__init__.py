@@ -2,6 +2,5 @@
 
 The tractor acts as steer module, GNSS board and IMU board with the messages of AgIO + AgOpenGPS, QtAgIO + QtAgOpenGPS
 and AgOpenWeb (`core.agopengps`). Modules: `board` simulates the steer module; `udp` contains the sockets; `channels`
-determines the pace of the link cycles; `session` executes one run and its position sentences; `link` implements the
-command.
+determines the pace of the link cycles; `session` runs the scenario and sends positions; `link` implements the command.
 """

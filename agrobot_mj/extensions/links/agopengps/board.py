@@ -7,12 +7,12 @@ engaged and would otherwise command full lock. The setpoint in a message is vali
 
 A datagram identical to the previous datagram and received within 1 ms is a duplicate from another network interface.
 
-Angles of arguments and results are in rad, left positive. Inside the board and in the messages, angles are in degrees,
-right positive. The PWM of the motor (-255 to 255, left positive) is converted to the voltage of the simulated valve.
+Angles in arguments and results are in rad, positive to the left. In the board and in messages, angles are in degrees,
+positive to the right. The motor PWM (-255 to 255, positive to the left) becomes the voltage of the simulated valve.
 
 AgOpenGPS boards add the offset of message 252 to the sensor counts. The zero button of AgOpenGPS sends the stored
-offset minus the counts of the displayed angle. AgOpenWeb modules subtract the offset, and the zero button sends the
-sum.
+offset minus the counts of the displayed angle. AgOpenWeb modules subtract the offset, and their host sends the stored
+offset plus these counts.
 """
 
 from math import degrees, inf, nan, radians
@@ -233,6 +233,6 @@ class Board(NamedTuple):
         return angle_of(counts, state.settings, self.spec.host)
 
     def _switches(self, t: float) -> int:
-        """Return the switch byte: work switch off, steer switch on from `engage_at_s` (bit inverted for AgOpenWeb)."""
+        """Return the switch byte: work switch off, steer switch on from `engage_at_s`. AgOpenWeb inverts this bit."""
         on = self.spec.engage_at_s is None or t >= self.spec.engage_at_s
         return 0x01 | (0x02 if on == (self.spec.host == "agopenweb") else 0x00)

@@ -1,4 +1,4 @@
-"""Implementation of `agrobot-mj link`: opening of a channel, run of the scenario, and output of `link.parquet` and the
+"""Implementation of `agrobot-mj link`, which opens a channel, runs the scenario, and writes `link.parquet` and the
 files of a run."""
 
 import tomllib
@@ -125,7 +125,7 @@ def _check_recorded(path: Path, scenario: Scenario) -> None:
         more = f" (and {len(other) - 1} more)" if len(other) > 1 else ""
         raise ScenarioError(
             f"--replay {path}: the record has {key} = {there[key]!r}, but the scenario has {here[key]!r}{more}; "
-            "replay it with the scenario.toml and the overrides of its run"
+            "replay the record with the scenario.toml and the overrides of its run"
         )
 
 
@@ -138,7 +138,7 @@ def pace_of(text: str) -> Literal["answered"] | float:
     except ValueError:
         pace = nan
     if not LEAST_PACE <= pace <= 1.0:
-        raise ScenarioError(f"--pace {text}: write real_time, answered, or a number from {LEAST_PACE:g} to 1")
+        raise ScenarioError(f"--pace {text}: specify real_time, answered, or a number from {LEAST_PACE:g} to 1")
     return pace
 
 
@@ -146,7 +146,7 @@ def endpoint(text: str, option: str) -> tuple[str, int]:
     """Convert a string of the form `127.0.0.1:10110` to address and port. Raises `ScenarioError` for other strings."""
     host, colon, port = text.rpartition(":")
     if not colon or not port.isdigit() or not 1 <= int(port) <= 65535:
-        raise ScenarioError(f"{option} {text}: write address and port, for example 127.0.0.1:10110")
+        raise ScenarioError(f"{option} {text}: specify the address and port, for example 127.0.0.1:10110")
     return str(address_of(host, option)), int(port)
 
 

@@ -1,4 +1,4 @@
-"""Check of a connection: message rates, latency, effective wheelbase, settings of the guidance program, missing
+"""Check of a connection: message rates, latency, effective wheelbase, settings of the guidance program and missing
 signals."""
 
 from collections.abc import Iterator

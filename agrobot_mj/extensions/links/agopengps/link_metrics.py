@@ -18,8 +18,8 @@ POSITIONS = (b"$PANDA", b"$PAOGI")  # First bytes of the position messages to th
 SETTLED_M = 0.1  # Distance from the line of the host below which the tractor has settled [m]
 LATE_S = 20.0  # Time from the first engagement to the start of the late part of a run [s]
 SHIFT_M = 0.1
-"""Magnitude of the mean error of the reported cross-track error above which a warning is given [m]. Assumed value: five
-times the resolution in messages of AgOpenGPS."""
+"""Maximum mean difference between true and reported cross-track error without a warning [m]. Assumed value: five times
+the resolution in messages of AgOpenGPS."""
 LEAST_PACE, LEAST_ANSWERED = 0.95, 0.9
 """Minimum real-time factor and minimum fraction of answered positions for a link without warnings [-]."""
 
@@ -55,8 +55,8 @@ def _steers(datagram: Datagram) -> bool:
 def cross_track(log: Log) -> dict[str, float | None]:
     """Return metrics of the cross-track error that the host reports while it steers.
 
-    The metrics are the RMS error [m], the RMS error in the late part of the run [m], the settling time [s], and the
-    mean of true minus reported error in the late part [m]. Errors are left positive. Times count from the first
+    The metrics are the RMS of this error [m], its RMS in the late part of the run [m], the settling time [s], and the
+    mean of true minus reported error in the late part [m]. Errors are positive to the left. Times start at the first
     engagement. Metrics are None without samples, or if the error has not settled.
     """
     engaged, off = log.column("link_engaged") > 0, log.column("link_cross_track")

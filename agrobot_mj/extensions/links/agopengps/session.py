@@ -143,7 +143,7 @@ class Session:
                 self.ended = "host_lost"
                 return
         if self.started < 0:
-            raise NoHostError(f"interrupted before the first answer of a guidance program{self._missing()}")
+            raise NoHostError(f"interrupted before the first reply from a guidance program{self._missing()}")
         if not self.sim.done:
             return
         if self.state.silent and self.state.tally.lost:

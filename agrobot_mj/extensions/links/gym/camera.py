@@ -57,7 +57,7 @@ class Camera:
             ) from None
 
     def picture(self, configuration: Array, path: Array) -> Picture:
-        """Return an image (height, width, 3) of tractor and path (n, 3) [m]. `configuration` is qpos of MuJoCo."""
+        """Return an image (height, width, 3) of the tractor and a path (n, 3) [m]. `configuration` is `qpos`."""
         self.data.qpos[:] = configuration
         mujoco.mj_forward(self.model, self.data)
         self.renderer.update_scene(self.data, self.view)

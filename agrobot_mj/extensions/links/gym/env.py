@@ -13,7 +13,7 @@ than `max_offset_m` from the path (`off_path`), or if the reference is more than
 (`lagging`). The episode is truncated at the end of the scenario (`completed` or `unfinished`).
 
 `FollowPathVector` is the vector environment with several tractors in one process. The tractors are stepped in sequence,
-because a tick is mostly Python code and threads give no speed-up. To use several cores, choose gymnasium's processes
+because a tick is mostly Python code and threads give no speed-up. For several cores, use gymnasium's worker processes
 (`vectorization_mode="async"`) or, better, one process per episode.
 """
 

@@ -67,7 +67,7 @@ SEEN = (
     Observed("steer", "rad", 1.0, "measured steering angle, left positive", lambda m: m.sim.situation.steer),
     Observed("steer_action", "rad", 1.0, "steering angle of the last action, left positive", lambda m: m.steer),
 )
-"""Components of every observation, before the path curvatures."""
+"""Components that precede the path curvatures in every observation."""
 
 ROLL = Observed("roll", "rad", pi, "measured roll, left side up positive", lambda m: m.sim.situation.roll)
 """Measured roll, a component for scenarios with an inertial unit (`sensors.imu.enabled`)."""

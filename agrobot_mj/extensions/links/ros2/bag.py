@@ -43,7 +43,7 @@ LARGEST = 1e9  # Upper limit of the absolute value of any signal [SI units]
 
 
 def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:
-    """Write the run in `folder` to an MCAP file in `out`, by default `folder`. Return file and number of messages."""
+    """Write the run in `folder` to an MCAP file in `out`, by default `folder`. Return its path and message count."""
     for name in ("scenario.toml", "signals.parquet"):
         if not (folder / name).is_file():
             raise ScenarioError(f"{folder}: the folder has no {name}; specify the folder of a run")

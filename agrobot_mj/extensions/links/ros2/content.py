@@ -109,7 +109,7 @@ def site_of(scenario: Scenario) -> Site:
 
 
 def messages(s: TickSample, site: Site, yaw: float, time: float | None = None) -> list[tuple[str, Content]]:
-    """Return the messages of a tick with their topics, /clock last. `yaw` is the heading of the inertial unit [rad]."""
+    """Return pairs of topic and message for a tick, ending with /clock. `yaw` is the inertial unit's heading [rad]."""
     at = stamp(s.t if time is None else time)
     found = [("/fix", fix(s, site, at)), ("/joint_states", joint_states(s, site, at))]
     if isfinite(s.gyro) or isfinite(s.imu_roll):

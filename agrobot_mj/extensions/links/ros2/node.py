@@ -114,7 +114,7 @@ def full_topic(namespace: str, name: str) -> str:
 
 
 def problem_of(types: Sequence[str], stamped: bool, refused: int) -> str:
-    """Return the reason why no commands arrive on /cmd_vel, with a remedy, or an empty string for an unknown reason."""
+    """Return the reason why no commands arrive on /cmd_vel, with a remedy, or an empty string if it is unknown."""
     sent = sorted({kind.replace("/msg/", "/") for kind in types})
     if sent and TWISTS[stamped] not in sent:
         fix = f"{'omit' if stamped else 'add'} --stamped" if TWISTS[not stamped] in sent else "change the publisher"

@@ -203,7 +203,7 @@ class RosSession:
             self.port.spin(time.perf_counter() + SETTLE_S)
 
     def metrics(self) -> dict[str, Any]:
-        """Return the metrics of the link: received and ignored commands, latencies [s], late cycles."""
+        """Return the metrics of the link: received and ignored commands, latencies [s] and late cycles."""
         waits, real_time = np.array(self.latencies), self.options.pace == "real_time"
         return {
             "pace": self.options.pace,

@@ -128,7 +128,7 @@ class Problem:
         return np.linalg.qr(np.stack(white, axis=2))[0]
 
     def blocks(self, x: Array) -> Array:
-        """Return whitened residuals (windows, samples) without components due to the initial values of windows."""
+        """Return whitened residuals (windows, samples) without the components due to initial values of windows."""
         p = dict(zip(self.names, x.tolist(), strict=True))
         model, parts = predictions(p, self.data, self.motions(tuple(x[self.dynamic].tolist()))), []
         for name, channel in self.data.channels.items():

@@ -70,7 +70,7 @@ def play(angle: Array, half: float, centred: float, out: Array) -> None:
     """Apply a play of half width `half` [rad] to `angle` (n,). Write the result to `out` (n,), which is constant within
     the play.
 
-    A result above `centred` [rad] in magnitude first returns towards `centred`, as far as the play allows.
+    A previous result beyond `centred` [rad] first returns to `centred`, as far as the play allows.
     """
     out[0] = angle[0]
     for k in range(1, angle.shape[0]):

@@ -44,7 +44,7 @@ SEPARABLE = 0.5
 PLAUSIBLE = 1.0, 60.0
 """Plausible range of cornering stiffness divided by axle load [1/rad]. Assumed values: 2-10 on soil, 5-25 on roads."""
 MORE_INERTIA, MORE_IN_FRONT = 0.1, 0.02
-"""Typical errors of yaw inertia and front load fraction estimated from the machine size [-]. Assumed values."""
+"""Typical errors of the yaw inertia and front load fraction derived from the machine size [-]. Assumed values."""
 AGE = Prior(0.0, 0.1)  # Prior of latencies that are not given by the map: of speed, heading and position [s]
 AGES = ("speed_delay_s", "heading_delay_s", "position_delay_s")
 RATE_S = 1.0  # Interval in which a heading difference gives a mean yaw rate [s]
@@ -59,11 +59,11 @@ class IdentifiedVehicle(NamedTuple):
 
     found: dict[str, Quantity]  # Identified quantities by key. Keys end with the unit.
     windows: int
-    explained: float  # Fraction of the yaw-rate variance that the fit explains on the rest of the log [-]
-    residual_deg_s: float  # RMS residual of the fit on the rest of the log [deg/s]
-    kinematic_deg_s: float  # RMS residual of a model without slip at the recorded angle [deg/s], on the rest of the log
+    explained: float  # Fraction of the yaw-rate variance that the fit explains in the test part of the log [-]
+    residual_deg_s: float  # RMS residual of the fit in the test part of the log [deg/s]
+    kinematic_deg_s: float  # RMS residual of a model without slip at the recorded angle [deg/s], in the test part
     moved: dict[str, tuple[float, float]]
-    """Factors on front and rear stiffness due to a typical error of a quantity that the scenario does not set [-], by
+    """Factors on front and rear stiffness for a typical error of each quantity that the scenario does not set [-], by
     description of the error."""
     geometry: str  # Geometry of the steering model: `small angles` or `tangent`
     notes: tuple[str, ...]  # Notes about the parts of the logs that are used
@@ -102,8 +102,8 @@ def identify_vehicle(
     if not explained > LEAST_EXPLAINED:
         raise NothingExplainedError(
             f"{name}: the fit explains {100 * max(explained, 0.0):.0f} % of the {channel.replace('_', ' ')} "
-            f"on the rest of the log, less than {100 * LEAST_EXPLAINED:.0f} %, so the fit gives no result. Check sign "
-            "and unit of the steering, the column of the speed, and the wheelbase (--set tractor.wheelbase_m=...)"
+            f"in the test part of the log, less than {100 * LEAST_EXPLAINED:.0f} %, so the fit gives no result. Check "
+            "the sign and unit of the steering, the speed column, and the wheelbase (--set tractor.wheelbase_m=...)"
         )
     found = vehicle_quantities(result, chassis)
     check_stiffness(name, found, chassis)
@@ -210,7 +210,7 @@ def judged(result: VehicleFit, data: VehicleData) -> tuple[float, float, float]:
 
 
 def _rates(values: Channels, data: VehicleData) -> Array:
-    """Return yaw rates of the gyro, or of the heading over `RATE_S`. If neither is measured, return the positions."""
+    """Return the yaw rates of the gyro, or mean rates of the heading over `RATE_S`, or positions without both."""
     if "heading" in values and "yaw_rate" not in values:
         steps = max(1, round(RATE_S / data.channels["heading"].spacing))
         t, angle = data.channels["heading"].t, values["heading"]

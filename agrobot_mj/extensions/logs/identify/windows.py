@@ -34,8 +34,8 @@ LONGEST_PAUSE_S = 0.5
 """Maximum time between samples in a window without gaps [s], unless 2.5 times the mean spacing is longer."""
 FULL = 0.95  # Minimum number of samples in a window, divided by the nominal number [-]
 EVEN, FULL_UNEVEN = 0.9, 0.85
-"""Minimum fraction of time steps near the median step for an evenly sampled channel, and value of `FULL` for unevenly
-sampled channels [-]. Assumed values: a sensor a third slower than its logger repeats values in irregular rows."""
+"""Minimum fraction of time steps near the median step for an evenly sampled channel [-], and value of `FULL` for other
+channels [-]. Assumed values: a sensor a third slower than its logger repeats values in irregular rows."""
 
 
 class WindowedChannel(NamedTuple):
@@ -58,7 +58,7 @@ class FitPiece(NamedTuple):
     steer: Array  # Recorded wheel angle after a low-pass filter with `VehicleData.play_cut_off_hz` [rad]
     u: Array  # Recorded speed of rear axle or antenna after a low-pass filter with `SPEED_CUT_OFF_HZ` [m/s]
     yaw_rate: Array | None
-    """Recorded yaw rate of gyro or heading [rad/s] if the recorded speed is that of the antenna. Otherwise None."""
+    """Yaw rate of gyro or heading [rad/s], or None unless the recorded speed is that of the antenna."""
     heading: Callable[[Array], Array] | None
     """Function that interpolates the recorded heading [rad], or None if there is no heading."""
     windows: slice  # Index range of the windows, in each channel, that belong to this segment
@@ -94,7 +94,7 @@ def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int
             remedy = f"record without pauses, because a fit uses segments of at least {FIT_S:g} s"
         raise TooLittleError(
             f"{recordings[0].name}: the log has {data.windows} complete windows of 5 s in motion with all columns, "
-            f"and the fit needs {windows}; {remedy}"
+            f"but the fit needs {windows}; {remedy}"
         )
     return data
 
@@ -171,13 +171,13 @@ def _play_cut_off(recordings: Sequence[FieldRecording], noise: float) -> float:
 
 
 def _spacing(series: Sequence[TimeSeries]) -> float:
-    """Return the mean sampling interval, excluding gaps [s]."""
+    """Return the mean sampling interval [s], excluding gaps."""
     steps = np.concatenate([np.diff(each.t) for each in series])
     return float(np.mean(steps[steps < 2.5 * np.median(steps)]))
 
 
 def _rate(series: Sequence[TimeSeries]) -> tuple[float, float]:
-    """Return the mean sampling interval, excluding gaps [s], and the minimum fraction of samples in a window [-]."""
+    """Return the mean sampling interval [s], excluding gaps, and the minimum fraction of samples in a window [-]."""
     steps = np.concatenate([np.diff(each.t) for each in series])
     usual = float(np.median(steps))
     steps = steps[steps < max(LONGEST_PAUSE_S, 2.5 * usual)]

@@ -48,7 +48,7 @@ LARGEST = 1e300  # Upper limit of absolute values that are valid, in any unit
 MOST_VALUES = 20_000_000  # Maximum number of values from one file; a value needs 16 bytes
 MOST_DAMAGED = 0.2  # Fraction of unreadable lines above which a file is rejected as damaged [-]. Assumed value.
 LATE_S = 0.1
-"""Maximum accepted decrease of time between values [s]. Assumed value, as logs of two buses are not quite sorted."""
+"""Maximum accepted decrease of time between values [s]. Assumed value: values of two buses are not exactly in order."""
 DAY_S = 86400.0
 
 
@@ -118,7 +118,7 @@ class Samples:
                 self._values += 1
         self._lines += 1
         if self._values > MOST_VALUES:
-            raise FieldLogError(f"{self.name}: the log has more than {MOST_VALUES:.3g} values; split it")
+            raise FieldLogError(f"{self.name}: the log has more than {MOST_VALUES:.3g} values; split the log")
 
     def damaged(self, line: int, text: str) -> None:
         """Count an unreadable line."""
@@ -128,7 +128,7 @@ class Samples:
     def log(self, what: str, *notes: str, **meaning: dict[str, Any]) -> ReadLog:
         """Return a table of the collected values, with notes about omitted data.
 
-        `what` names the expected content in errors. Raises `FieldLogError` for too many damaged lines, or without data.
+        `what` names the expected content in errors. Raises `FieldLogError` for too many damaged lines or for no data.
         """
         if self._damaged > MOST_DAMAGED * (self._lines + self._damaged):
             raise FieldLogError(

@@ -49,7 +49,7 @@ def coverage(t: Array, values: Array) -> Coverage:
 
 
 def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
-    """Return a description of a log as plain text and valid Markdown. `log_map` is the user's map, or None."""
+    """Return a description of a log as plain text that is also valid Markdown. `log_map` is the user's map, or None."""
     source, m = loaded(log.source), log_map or log.log_map
     names = [name for name in column_names(source) if not m or name != m.time.column][:MOST_COLUMNS]
     tables = {} if m else log.tables or _template(source, names)

@@ -46,7 +46,7 @@ class _Sentences:
         self.clock, self.start, self.t, self.latest = DayClock(), -inf, -inf, dict[str, float]()
         self.early, self.kept, self.unclear, self.first_unclear = 0, 0, 0, ""
         self.valid, self.invalid = set[str](), dict[str, Any]()
-        """Types of valid sentences; number, first line and first text of sentences without valid checksum, by type."""
+        """Types of valid sentences; number, first line and first text of invalid sentences, by type."""
         self._counted, self._line = 0, 1
         self._void = data.find(b"RMC,") >= 0  # whether the latest RMC sentence reports no fix, or has yet to come
 

@@ -89,7 +89,7 @@ class FreeColumns(LogReader):
         )
 
     def read(self, path: Path) -> ReadLog:
-        """Return the path of the file, whose columns are read later. Raises `FieldLogError` without column names."""
+        """Return the path for reading columns later. Raises `FieldLogError` if the file has no column names."""
         names = column_names(path)
         if not any(names) or (number := next(filter(DECIMAL.fullmatch, names), "")):
             found = f"the number {number}" if any(names) else "no names"

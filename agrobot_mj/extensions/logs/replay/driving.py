@@ -1,6 +1,6 @@
 """Replay on a plant: the speed and either the wheel angle or the valve voltage follow a recording.
 
-In a replay of the wheel angle (`by="steer"`), an ideal valve without lag, dead band and limit replaces the valve of the
+In a replay of the wheel angle (`by="steer"`), an ideal valve without lag, dead band or limit replaces the valve of the
 scenario and follows the recorded angle every 10 ms. A replay of the voltage uses the valve of the scenario. A pedal
 without lag imposes the speed. An integral controller corrects the speed over ground for wheel slip. A simulated lead-in
 before the recording brings the tractor to the initial speed and angle.

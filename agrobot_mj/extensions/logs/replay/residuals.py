@@ -21,7 +21,7 @@ from agrobot_mj.extensions.logs.series import LEAST_SPEED, TimeSeries, chords
 START_M = 10.0  # Length of the recorded track to which the initial pose is fitted [m]
 WINDOW_S = 10.0  # Length of a window [s], about the duration of one bend
 STRETCH_S = 1.0
-"""Time between positions for comparing track lengths [s]: long for little effect of noise, but shorter than bends."""
+"""Time between the positions for comparing track lengths [s]: long enough to suppress noise, but shorter than bends."""
 LARGEST_LAG_S = 0.5  # Maximum lag between two yaw rates that is considered [s]
 
 
@@ -39,7 +39,7 @@ class Rigid(NamedTuple):
 
 
 def rigid(points: Array, onto: Array) -> Rigid:
-    """Return the rigid motion that maps points (n, 2) to the points `onto` (n, 2) with the least squared distances."""
+    """Return the rigid motion of `points` (n, 2) with the minimum sum of squared distances to `onto` (n, 2)."""
     a, b = points - points.mean(axis=0), onto - onto.mean(axis=0)
     turn = float(np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum()))
     at_origin = Rigid(turn, np.zeros(2))
@@ -47,7 +47,7 @@ def rigid(points: Array, onto: Array) -> Rigid:
 
 
 def refined(pose: Pose, recording: FieldRecording, driven: Driven) -> Pose:
-    """Return a corrected initial pose, so that the first metres of the replay fit the recording in spite of slip."""
+    """Return the initial pose, corrected so that the first metres of the replay fit the recording in spite of slip."""
     fixes = _first_metres(recording)
     if fixes is None or len(driven.t) < 2 or driven.t[-1] < fixes.t[-1]:
         return pose
@@ -64,7 +64,7 @@ def first_metres_end(recording: FieldRecording) -> float:
 
 
 def _first_metres(recording: FieldRecording) -> TimeSeries | None:
-    """Return positions on the first `START_M` of the track (from the speed), or None for too few positions."""
+    """Return positions on the first `START_M` metres of the track, or None for too few positions."""
     if recording.position is None:
         return None
     fixes = recording.position.between(recording.start, recording.end)
@@ -76,7 +76,7 @@ def _first_metres(recording: FieldRecording) -> TimeSeries | None:
 
 
 def start_pose(recording: FieldRecording, wheelbase: float) -> Pose:
-    """Return the initial pose of R from the first positions or, without positions, the origin and recorded heading."""
+    """Return the initial pose of R: from the first positions, or else at the origin with the recorded heading."""
     fixes = _first_metres(recording)
     if fixes is None:
         return 0.0, 0.0, float(recording.heading.at(np.array([recording.start]))[0]) if recording.heading else 0.0
@@ -89,7 +89,7 @@ def start_pose(recording: FieldRecording, wheelbase: float) -> Pose:
 
 
 def kinematic(recording: FieldRecording, wheelbase: float) -> tuple[Array, Array, Array]:
-    """Return times, yaw and points (n, 2) of a model without slip, driven by the wheel angle or else the yaw rate."""
+    """Return times, yaw and points (n, 2) of a model without slip, steered by the wheel angle or else the yaw rate."""
     t = np.arange(recording.start, recording.end, 0.02)
     u = np.interp(t, recording.speed.t, recording.speed.value)
     if recording.steer is not None:

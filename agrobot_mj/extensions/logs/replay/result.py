@@ -105,7 +105,7 @@ def on_wide_ground(scenario: Scenario, reach: float) -> Scenario:
 
 
 def reach(recording: FieldRecording) -> float:
-    """Return the maximum absolute coordinate of a segment or, without positions, its maximum track length [m]."""
+    """Return the maximum absolute coordinate of a segment [m] or, without positions, maximum speed times duration."""
     if recording.position is not None:
         return float(np.abs(recording.position.value).max())
     return float(np.abs(recording.speed.value).max()) * (recording.end - recording.start)

@@ -21,7 +21,7 @@ MARGIN_DEG = 1.0  # Margin between maximum recorded angle and steering limit [de
 MOST_STEER_DEG = 60.0  # Maximum plausible steering limit [deg]
 BACKLASH = "steering.linkage.backlash_deg"
 MOST_CENTRE_DEG, MOST_SCALE = 20.0, (0.2, 5.0)
-"""Limits of a steering sensor in a scenario: maximum centre error [deg], and range of the scale [-]."""
+"""Limits of a steering sensor in a scenario: maximum centre error [deg], and range of the scale factor [-]."""
 CARCASS = (0.05, 2.0)  # Range of the lateral stiffness of a tyre carcass divided by its vertical stiffness [-]
 
 
@@ -172,7 +172,7 @@ def machine_data(scenario: Scenario, keys: Mapping[str, TwinKey], title: str) ->
 
 
 def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Return two merged nested tables. Values of `above` take precedence over values of `below`."""
+    """Return a merge of two nested tables. Values of `above` take precedence over values of `below`."""
     found = dict(below)
     for key, value in above.items():
         old = found.get(key)

@@ -55,7 +55,7 @@ class Varied(NamedTuple):
     def spread(cls, key: str, mean: float, deviation: float) -> "Varied":
         """Return a key with a normal distribution. Raises `ScenarioError` for an invalid mean or deviation."""
         if not (isfinite(mean) and isfinite(deviation) and deviation > 0):
-            raise ScenarioError(f"--vary {key}: write normal = [mean, standard deviation], with a deviation above 0")
+            raise ScenarioError(f"--vary {key}: specify normal = [mean, standard deviation], with a deviation above 0")
         return cls(key, mean, deviation, -FARTHEST, FARTHEST)
 
 
@@ -107,7 +107,7 @@ class Combination(NamedTuple):
 
     @property
     def shown(self) -> str:
-        """Values of the keys as text, in the form of overrides."""
+        """Key values as text, in the form of overrides."""
         return ", ".join(f"{key}={value:g}" for key, value in self.values.items())
 
     @property
@@ -171,7 +171,7 @@ class FalsifySearch:
         return self._answer("falsified", best, by_key, tuple(around))
 
     def drive(self, places: Sequence[Place], seeds: int, noted: bool = True) -> list[Combination]:
-        """Simulate combinations with several seeds and return the results, which are also stored if `noted`."""
+        """Simulate combinations with several seeds and return the results, which are added to `tried` if `noted`."""
         task = Task.of(self.scenario, measure=Rises(Closeness(self.q.until, self.q.score)))
         values = [self.q.overrides(self.scenario, place) for place in places]
         tasks = [

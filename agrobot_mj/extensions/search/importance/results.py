@@ -33,7 +33,7 @@ def importance_table(found: Sequence[Influence]) -> str:
 
 
 def importance_rows(found: Sequence[Influence]) -> tuple[list[str], list[list[str]]]:
-    """Return the head and the rows of the table from `importance_table`."""
+    """Return the header and the rows of the table from `importance_table`."""
     screening = found[0].unexplained is not None
     columns = ["rank", "fraction of the variance", *(["slope", "Spearman"] if screening else ["first order"])]
     names = [f"{each.group}: {name}" if len(found) > 1 else name for each in found for name in columns]
@@ -82,7 +82,7 @@ def influence_text(each: Influence, metric: str, group: str) -> str:
 
 
 def importance_figure(found: Sequence[Influence], metric: str) -> Figure:
-    """Return a figure of variance fractions with intervals, one panel per group. Sobol indices have a second bar for
+    """Return a figure of variance fractions with intervals, one panel per group. For Sobol indices, a second bar shows
     the first order."""
     keys, screening = [share.key for share in found[0].shares][::-1], found[0].unexplained is not None
     figure = Figure((2 * PANEL_WIDTH_IN, 0.22 * len(keys) + 1.0), layout="constrained")
@@ -161,7 +161,7 @@ def influence(name: str, file: dict[str, Any], draws: Array, values: Array, metr
 
 
 def noise_share(values: Array) -> float | None:
-    """Return the fraction of the variance of the seed-averaged metric due to seeds [-], or None with one seed."""
+    """Return the fraction of the seed-averaged metric's variance that is due to seeds [-], or None with one seed."""
     points, seeds = values.shape
     if seeds < 2:
         return None

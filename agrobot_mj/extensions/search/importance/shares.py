@@ -43,14 +43,14 @@ class Share(NamedTuple):
 
 
 class Influence(NamedTuple):
-    """Variance fractions of all random parameters in one group of runs with equal variant and axis values."""
+    """Variance fractions of all random parameters in one group of runs with the same variant and axis values."""
 
     group: str
     mean: float
     deviation: float
     """Standard deviation of the seed-averaged metric between the points of the design [unit of the metric]."""
     noise: float | None
-    """Fraction of the variance of the seed-averaged metric that is due to the seeds [-], or None with one seed."""
+    """Fraction of the seed-averaged metric's variance that is due to seeds [-], or None with one seed."""
     unexplained: float | None  # Maximum variance fraction not due to regression or noise [-], or None for Sobol
     flaws: tuple[str, ...]  # Reasons why the intervals are unreliable. In this case there is no ranking.
     shares: tuple[Share, ...]

@@ -3,7 +3,7 @@
     lateral_rms > 0.3 or outcome != completed
     not (xte_abs_p95 < 0.1 and 0 <= steer_saturated_fraction < 0.5)
 
-Python's parser reads the text. Only these forms are accepted; the text is never executed.
+Python's parser parses the text. Only these forms are accepted, and the text is never executed.
 """
 
 import ast
@@ -37,7 +37,7 @@ class Condition:
     """Failure condition on the metrics of a run. Raises `ScenarioError` for an invalid text."""
 
     def __init__(self, text: str, metrics: Collection[str] | None = None) -> None:
-        """Read the condition `text`, which may contain the names `metrics`. By default all names are accepted."""
+        """Parse the condition `text`. Only the metric names `metrics` are accepted, or by default all names."""
         self.text, self.metrics, self._names = text, metrics, set[str]()
         if len(text) > LONGEST:
             self._refuse(f"the text has more than {LONGEST} characters")
@@ -137,7 +137,7 @@ class Condition:
 
     def _refuse(self, why: str) -> NoReturn:
         shown = self.text if len(self.text) <= LONGEST else f"{self.text[:60]}..."
-        raise ScenarioError(f"--until {shown!r}: {why}; write comparisons of metrics and outcome, as in {EXAMPLE}")
+        raise ScenarioError(f"--until {shown!r}: {why}; specify comparisons of metrics and outcome, as in {EXAMPLE}")
 
 
 def _present(numbers: Numbers, name: str) -> Any:

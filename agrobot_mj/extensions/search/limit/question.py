@@ -69,7 +69,7 @@ class Tried(NamedTuple):
 
     @property
     def ends(self) -> str:
-        """Number of runs with each outcome as text."""
+        """Number of runs with each outcome, as text."""
         return ", ".join(f"{count} {outcome}" for outcome, count in self.outcomes.items())
 
 
@@ -117,9 +117,9 @@ def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
             "--key seed: the seed is not a parameter to search; every value is run with up to --max-seeds seeds"
         )
     if not (isfinite(q.start) and isfinite(q.stop)) or q.start == q.stop:
-        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: specify two numbers, the first where laws should succeed")
+        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: specify two numbers; laws should succeed at the first")
     if not isfinite(q.stop - q.start):
-        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: the range is too wide; specify a narrower range")
+        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: the range is wider than 1.8e308; specify a narrower one")
     if not (0 < q.resolution < inf and 0 < q.reliability < 1 and 0 < q.confidence <= MOST_CONFIDENT):
         raise ScenarioError(
             f"--tolerance must be above 0, --reliability between 0 and 1, --confidence between 0 and {MOST_CONFIDENT}"

@@ -71,7 +71,7 @@ def find_limit(
 def _beside(
     found: Found, sound: Scenario, q: Question, condition: Condition, do: RunTasks, overrides: dict[str, Any]
 ) -> Counterpart:
-    """Return the result of the baseline. A baseline that lacks or sets the varied key is simulated without a search."""
+    """Return the baseline result. If the varied key is missing or fixed, the baseline is simulated without a search."""
     if searchable(sound, q, overrides):
         tried = _Search(sound, q, condition, do, lambda tried: None).run()
         return answer_beside(found, q, answer(found.law, q, tried), overrides)

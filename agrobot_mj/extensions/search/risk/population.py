@@ -1,4 +1,4 @@
-"""Simulated runs for splitting, each identified by its seed and branches and simulated by the engine of all studies."""
+"""Runs for multilevel splitting, identified by seed and branches and simulated by the engine of all studies."""
 
 from collections.abc import Callable, Generator, Sequence
 from math import inf
@@ -31,7 +31,7 @@ class Run(NamedTuple):
 
     @property
     def level(self) -> float:
-        """Maximum margin of the run [-], or infinity for a failed run."""
+        """Maximum failure margin of the run [-], or infinity for a failed run."""
         return inf if self.failed else self.rises[-1][1]
 
     def above(self, level: float) -> int:
