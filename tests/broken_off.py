@@ -1,4 +1,4 @@
-"""Studies that are interrupted, or whose runs raise errors."""
+"""Studies that are interrupted, or whose runs raise errors, for tests of resuming."""
 
 import json
 import shutil
@@ -35,7 +35,7 @@ WALL = ("wall_s", "real_time_factor")
 
 
 class Driven(list):
-    """Record of simulated runs as pairs of seed and law. The run with the index `most` is interrupted."""
+    """Record of simulated runs as pairs of seed and law. Run number `most` is interrupted."""
 
     most = None
 

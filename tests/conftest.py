@@ -31,7 +31,7 @@ settings.load_profile("same")
 
 
 def pytest_configure(config):
-    """Let only one of several workers compile each kernel."""
+    """Let only one of several worker processes compile each kernel."""
     if hasattr(config, "workerinput"):
         from compiling import take_turns
 
@@ -51,7 +51,7 @@ def _plugins_of_one_test():
 
 @pytest.fixture
 def interruptible():
-    """SIGINT raises KeyboardInterrupt, as in a terminal, also in a background job of a shell."""
+    """Let SIGINT raise KeyboardInterrupt, as in a terminal, also in a background job of a shell."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)

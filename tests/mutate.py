@@ -38,7 +38,7 @@ CHANGES = re.compile(
     r"BinaryOperator_(Add_Sub|Sub_Add|Mul_Div|Div_Mul|Pow_Mul|FloorDiv_Mul|Mod_Mul)|"
     r"ComparisonOperator_(Lt_GtE|LtE_Gt|Gt_LtE|GtE_Lt|Eq_NotEq|NotEq_Eq|Is_IsNot|IsNot_Is)))"
 )
-"""Operators of cosmic-ray in use. The others have no effect if both sides are equal, or change only types."""
+"""Operators of cosmic-ray in use. Other operators have no effect if both sides are equal, or change only types."""
 PAIRS = """
     min max, sin cos, tan sin, degrees radians, searchsorted_left searchsorted_right, area length, width radius, x y,
     vx vy, fl fr, rl rr, rear_x rear_y, east north, left right, front rear, ahead left, upper lower, l_f l_r, C_f C_r,
@@ -50,7 +50,7 @@ NAMES = dict(pair.split()[::order] for order in (-1, 1) for pair in PAIRS.split(
 
 
 class Exchange(Operator):
-    """Operator that replaces a name where the name is read."""
+    """Operator that replaces a name wherever the name is read."""
 
     def mutation_positions(self, node: Any) -> Iterator[Any]:
         read = node.type == "name" and node.value in NAMES and not node.is_definition(include_setitem=True)

@@ -133,7 +133,7 @@ def command(folder, *arguments, before="", **variables):
 
 
 def in_process(arguments):
-    """Output of a command that succeeds, in this process."""
+    """Run a command in this process, which must succeed. Return its output."""
     output, given = io.StringIO(), sys.argv
     sys.argv = ["agrobot-mj", *arguments]
     try:
@@ -151,7 +151,7 @@ def omit_figures(patch):
 
 
 def program(folder, code, *arguments):
-    """Run the text of a program as a file in a folder."""
+    """Write the text of a program to a file in a folder and run the file."""
     file = Path(folder) / "own.py"
     file.write_text(code, encoding="utf-8")
     return script(folder, file, *arguments)

@@ -97,7 +97,7 @@ def learning(ticks: int) -> bool:
 
 
 class Memory:
-    """Watcher that records the memory every simulated minute."""
+    """Observer that records the memory every simulated minute."""
 
     def __init__(self) -> None:
         self.samples: list[tuple[float, float]] = []

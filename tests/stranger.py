@@ -185,7 +185,7 @@ accepted = ["fixed"]
 
 
 def answers(h):
-    """Return the true values by result key."""
+    """Return the true values by key of the result."""
     weight = MASS / (L_F + L_R)
     return {
         "steer.offset": h.centre,

@@ -1,6 +1,6 @@
-"""Imports point one way, and each heavy library has one owner.
+"""Imports follow the layers of the package, and each heavy library is imported only by permitted folders.
 
-The folders of the package stand in layers; a folder imports only from those before its own.
+A folder imports only from folders of lower layers.
 """
 
 import ast
@@ -21,9 +21,9 @@ LAYERS = [
     *("sensors", "estimation", "paths", "control", "faults"),
     *("metrics", "scenario", "simulation", "recording", "studies", "cli", "extensions"),
 ]
-"""The folders of the package, in the order in which they build on each other."""
+"""Folders of the package, from the lowest to the highest layer."""
 STAGES = ["sensors", "estimation", "paths", "control", "faults"]
-"""What happens in a tick beside the plant: no stage knows another, nor the ground, the tyres or the plants."""
+"""Control components of a tick. They import neither each other nor ground, tyres and plants."""
 EXTENSIONS = sorted(path.name for path in (PACKAGE / "extensions").iterdir() if (path / "__init__.py").is_file())
 OWNERS = {
     "mujoco": {"plants", "extensions"},
@@ -47,13 +47,13 @@ def part_of(file):
 
 @cache
 def parsed(file):
-    """The syntax tree of a file."""
+    """Return the syntax tree of a file."""
     return ast.parse(file.read_text(encoding="utf-8"))
 
 
 @cache
 def imported(file):
-    """Full names of everything that a file imports, wherever in it."""
+    """Return the full names of everything that a file imports."""
     names = []
     for node in ast.walk(parsed(file)):
         if isinstance(node, ast.Import):
@@ -67,7 +67,7 @@ def imported(file):
 
 
 def parts_imported(part):
-    """The other parts that `part` imports, with the file that does."""
+    """Return the other parts of the package that `part` imports, each with an importing file."""
     found = {}
     for file in files_of(part):
         for name in imported(file):
@@ -96,7 +96,7 @@ def test_extensions_do_not_import_each_other(name):
         assert [each for each in others if not f"{each}.".startswith(f"{own}.")] == [], file
 
 
-def test_code_outside_extensions_names_no_kind_of_an_extension():
+def test_core_code_does_not_mention_kinds_defined_in_extensions():
     import_module("agrobot_mj.scenario")  # loads the kinds; one that is imported first would import itself
     entries = [entry for entry in installed("plugins") if entry.module.startswith("agrobot_mj.extensions.")]
     kinds = [kind.model_fields["kind"].default for entry in entries for kind in entry.load()]

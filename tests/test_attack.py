@@ -1,4 +1,4 @@
-"""A short attack with hostile inputs finds nothing, and what it must find it finds; `make attack` is the long one."""
+"""A short attack with hostile inputs finds no faults, except planted ones. `make attack` is the long version."""
 
 import json
 import os
@@ -17,7 +17,7 @@ for file in sorted(ROOT.glob("tests/extensions/*/attack_*.py")):
 
 
 def python(tmp_path, *arguments):
-    """Return the completed Python process for these arguments."""
+    """Return a completed Python process with the given arguments."""
     return subprocess.run(
         [sys.executable, *arguments],
         env={**os.environ, "PYTHONPATH": str(ROOT)},

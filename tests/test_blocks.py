@@ -1,4 +1,4 @@
-"""Blocks of the documentation that scripts write again."""
+"""Documentation blocks that scripts generate."""
 
 import re
 from pathlib import Path

@@ -1,6 +1,6 @@
-"""The command line as a user meets it: what it prints, which files it leaves, how it ends.
+"""Command line: printed text, written files and exit status.
 
-In process where that is the same thing; one test starts the real command.
+Commands run in this process if possible; one test starts the real command.
 """
 
 import json
@@ -259,7 +259,7 @@ def test_unexpected_outcome_gives_exit_status_1_and_keeps_the_files(call, outcom
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_signal_to_the_process_aborts_a_run_and_keeps_its_files(call, monkeypatch, number):
+def test_signal_to_the_process_aborts_the_run_and_its_files_are_kept(call, monkeypatch, number):
     def not_handled(*_):
         raise AssertionError("the run did not take the signal")
 
@@ -453,7 +453,7 @@ def test_plants_unsupported_by_a_scenario_are_skipped_unless_specified(call, und
 
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_comparison_results_equal_those_of_single_runs(call, undrawn, jobs):
-    """Processes by default: a killed sweep, in tests/studies/sweep."""
+    """The default number of processes is tested in tests/studies/sweep."""
     arguments = ("--controllers", "pd,pd_t1fnn", "--plants", "mujoco", "--seeds", "2", "--no-rrd", "--jobs", jobs)
     assert call("compare", "circle", *arguments, "--set", "duration_s=1", "--out", "cmp")[0] == 0
     rows = json.loads(Path("cmp/comparison.json").read_text())
@@ -468,7 +468,7 @@ def test_comparison_results_equal_those_of_single_runs(call, undrawn, jobs):
 
 
 def children(parent):
-    """Process ids of the live worker processes of `parent`."""
+    """Return the process ids of the running worker processes of `parent`."""
     found = []
     for entry in Path("/proc").glob("[0-9]*"):
         try:
@@ -486,7 +486,7 @@ def alive(pids):
 
 
 def until(condition, seconds):
-    """Whether `condition` came true in time."""
+    """Wait up to `seconds` for `condition` and return its value."""
     end = time.monotonic() + seconds
     while not condition() and time.monotonic() < end:
         time.sleep(0.1)
@@ -496,7 +496,7 @@ def until(condition, seconds):
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
 @pytest.mark.parametrize("number", [pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGINT])
 def test_interrupted_comparison_leaves_no_process(number):
-    """Days of driving lie before it, and further runs behind those where there are few processors."""
+    """The runs would take days, and with few processors further runs are waiting."""
     arguments = ["--controllers", "pd", "--plants", "bicycle", "--seeds", "4", "--set", "duration_s=80000"]
     command = [sys.executable, "-m", "agrobot_mj", "compare", "circle", *arguments, "--out", "cmp"]
     Path("scratch").mkdir()

@@ -1,4 +1,4 @@
-"""No test fails because a machine is slow: none sets a limit to a time, and what waits for a process waits long."""
+"""No test fails on a slow machine: tests have no limits of wall time and long timeouts."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Each extension can be removed: its folder, its tests and its pages. What stays works, with fewer commands."""
+"""Each extension can be removed with its folder, tests and pages. All other parts work, with fewer commands."""
 
 import os
 import shutil
@@ -53,7 +53,7 @@ def copy(source, target):
 
 
 def copied_without(names, place, *folders):
-    """Copy all files under version control, or those in some folders, without some extensions."""
+    """Copy all files under version control, or those in some folders, except those of some extensions."""
     listed = subprocess.run(["git", "ls-files", "-z", *folders], cwd=ROOT, capture_output=True, check=True)
     gone = [(folder, "extensions", name) for folder in FOLDERS for name in names]
     for name in filter(None, listed.stdout.decode().split("\0")):
@@ -63,7 +63,7 @@ def copied_without(names, place, *folders):
 
 
 def called(place, *command):
-    """Run a command of Python in a copy, with the copy's package."""
+    """Run a Python command in a copy, with the package of the copy."""
     environment = {**os.environ, "PYTHONPATH": str(place)}
     ran = subprocess.run(
         [sys.executable, *map(str, command)], cwd=place, env=environment, capture_output=True, text=True, check=False
@@ -73,7 +73,7 @@ def called(place, *command):
 
 
 def commands(names):
-    """Commands that extensions of some names bring."""
+    """Return the commands of the extensions with the given names."""
     entries = entry_points(group="agrobot_mj.commands")
     return {
         command_name(function)

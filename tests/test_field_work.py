@@ -1,4 +1,4 @@
-"""The closed loop on a field: it completes, and is as accurate as its receiver where it has swung in."""
+"""Closed loop on a field: completion, and accuracy as of the receiver after acquisition."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from agrobot_mj.simulation.log import Log
 
 
 def worked(controller: str, **path: Any) -> Log:
-    """The run of a field."""
+    """Return the run of a field."""
     return run(resolve({"controller": {"kind": controller}, "path": {"kind": "swaths", **path}}, "field"))
 
 

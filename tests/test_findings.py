@@ -1,4 +1,4 @@
-"""Findings: the runs are valid, the rules follow the results and the pages show the figures."""
+"""Findings: the runs are valid, the conclusions follow from the results, and the pages show the figures."""
 
 import json
 import re
@@ -45,7 +45,7 @@ def test_error_ratio_is_a_mean_over_paired_seeds_and_counts_failures():
 
 
 def plan_of(sweep):
-    """Runs of a sweep with an axis' tables as its table of results shows them, as text."""
+    """Yield the runs of a sweep, with tables of axes as text, as in the results table."""
     for run in SweepPlan(read_sweep(sweep)).runs():
         shown = {key: json.dumps(v) if isinstance(v, dict) else v for key, v in run.parameters.items()}
         yield {"variant": run.variant, "seed": run.seed, **shown}
@@ -66,14 +66,14 @@ def test_statistics_of_network_parameter_q_are_computed_per_lap():
 
 
 BETTER = {"pd": 1.0, "pd_isgn": 0.9, "pd_t1fnn": 0.9, "pd_t2fnn": 0.5, "pi": 0.9, "lqr": 0.9, claims.FASTER: 0.9}
-"""Errors by law in an artificial result in which only the network satisfies the claims of the paper."""
+"""Errors by law in an artificial result in which only the network satisfies the paper's claims."""
 
 
 EQUAL = dict.fromkeys(BETTER, 1.0)  # Errors of a world in which all laws are as good
 
 
 def world(errors=BETTER, later=0.8, share=(0.3, 0.7), noise=lambda law, s: 1.0, q_travel=(10.0, 1.0, 0.1)):
-    """Rows of every study in which laws have these errors, with a spread of 1 % over three seeds or more."""
+    """Return rows of every study with given errors by law and a spread of 1 % over at least three seeds."""
     rows = []
     for study, sweep in claims.STUDIES.items():
         for run in plan_of(sweep):
@@ -102,7 +102,7 @@ def test_claims_are_confirmed_if_only_the_network_satisfies_them():
 
 
 def test_claim_on_type_2_network_is_evaluated_by_the_documented_rule():
-    """Better in every case, with type 1 at a larger alpha better as well: qualified, however the noise changes it."""
+    """If type 1 with a larger alpha is better as well, the claim is qualified for any effect of the noise."""
     for strong in (0.7, 0.95):  # gains more under strong noise, or less
         gains = {claims.T2: lambda s, strong=strong: strong if s > 0.1 else 0.9, claims.FASTER: lambda s: 0.9}
         rows = world(errors=EQUAL, noise=lambda law, s, gains=gains: gains.get(law, lambda s: 1.0)(s))
@@ -163,7 +163,7 @@ def test_guidance_laws_are_compared_by_mean_errors_and_per_seed():
 
 
 def controllers(seeds, **offsets):
-    """Rows of a sweep of laws whose cross-track errors scatter together, each off by its own amount."""
+    """Return rows of a sweep of laws with correlated cross-track errors, each with a separate offset."""
     noise = np.random.default_rng(min(seeds)).normal(0, 0.01, len(seeds))
     own = np.random.default_rng(max(seeds)).normal(0, 1e-4, (len(offsets), len(seeds)))
     return [

@@ -19,7 +19,7 @@ ALL = [(name, text) for name, each in LISTED.items() for text in each.examples]
 
 
 def typed(text):
-    """Return the words of an example that the program receives."""
+    """Return the words of an example that are passed to the program."""
     words = shlex.split(text)
     return words[: words.index(">")] if ">" in words else words
 
@@ -58,7 +58,7 @@ def test_help_examples_without_a_simulation_work(call, monkeypatch, tmp_path, na
 
 
 def listed(text):
-    """Commands of each panel that a help lists."""
+    """Return the commands in each panel of a help text."""
     panels = re.findall(r"^(\w[\w ]*):\n((?:  \S.*\n)+)", text, re.M)
     return {
         panel: [re.split("  +", line.strip())[0] for line in lines.splitlines()]

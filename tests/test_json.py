@@ -1,4 +1,4 @@
-"""`--json`: one document on stdout whatever the exit status, with the numbers that the text has."""
+"""`--json`: one document on stdout for any exit status, with the numbers of the text output."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""The library: every scenario ends as its file says, without a warning of the physics, and its recording is sound."""
+"""Library scenarios: each ends as stated in its file, without physics warnings, and has a valid recording."""
 
 import subprocess
 import sys
@@ -39,7 +39,7 @@ def test_shipped_scenario_completes_or_ends_as_expected(name):
 
 @pytest.mark.parametrize("name", ["reverse_into_row", pytest.param("headland_k_turn", marks=pytest.mark.slow)])
 def test_tractor_stops_at_each_cusp_and_continues(name):
-    """Where the command falls faster than the tractor, which is no overspeed."""
+    """The command may fall faster than the speed of the tractor, which is not an overspeed."""
     check(run(load_scenario(name)))
 
 

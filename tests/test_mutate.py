@@ -1,4 +1,4 @@
-"""The plan of the mutation test names modules, tests and lines that exist; `make mutate` runs it."""
+"""Plan of the mutation test: all its modules, tests and lines exist. `make mutate` runs the test."""
 
 import tomllib
 from pathlib import Path
@@ -8,7 +8,7 @@ PLAN = tomllib.loads((ROOT / "tests" / "mutants.toml").read_text(encoding="utf-8
 
 
 def removed(path):
-    """Whether a module or test is of an extension that has been removed."""
+    """Return whether a module or test belongs to a removed extension."""
     parts = Path(path).parts
     return parts[0] == "extensions" and not (ROOT / "agrobot_mj" / "extensions" / parts[1]).is_dir()
 

@@ -1,4 +1,4 @@
-"""The notebooks are true."""
+"""Notebooks: their cells run with the stated results."""
 
 import re
 import subprocess
@@ -9,7 +9,7 @@ from notebooks import BOOKS, FOLDER, SHORTER, code, executed, lengths
 
 
 def test_first_drive_notebook_shows_imu_reduces_slope_error(tmp_path):
-    """On the slope the position estimate has an error, which an inertial unit reduces."""
+    """On a slope, the position estimate has an error that an inertial unit reduces."""
     wrong = "{name: abs(log.column('y') - log.column('y_hat'))[-100:].mean() for name, log in logs.items()}"
     said, (wrong, lines) = executed(tmp_path, "first_drive", False, f"[{wrong}, [len(a.lines) for a in axes]]")
     assert said.count("completed") == 3
@@ -22,7 +22,7 @@ def test_first_drive_notebook_shows_imu_reduces_slope_error(tmp_path):
 
 @lengths
 def test_notebook_with_a_custom_law_runs(tmp_path, full):
-    """The registered law drives; slope and a worn valve make it worse, and every cell of the map is printed."""
+    """The registered law runs. Errors are larger on a slope and with a worn valve, and the complete map is printed."""
     found = "[{k: v.tolist() for k, v in maps.items()}, [t.get_text() for a in axes for t in a.texts]]"
     _, (maps, texts) = executed(tmp_path, "own_law", full, found)
     assert set(maps) == {"two_gains", "lqr"}
@@ -52,7 +52,7 @@ def test_notebook_file_has_no_outputs_and_ends_with_links(name):
 @pytest.mark.parametrize("name", BOOKS)
 @pytest.mark.parametrize("inside", [True, False])
 def test_notebook_installs_the_package_if_it_is_missing(name, inside, tmp_path, monkeypatch):
-    """From the checkout around the notebook, or from the package index."""
+    """The source is the checkout of the notebook, or the package index."""
     called = []
     monkeypatch.setattr("importlib.util.find_spec", lambda package: None)
     monkeypatch.setattr(subprocess, "run", lambda words, check: called.append(words))

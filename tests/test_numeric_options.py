@@ -1,4 +1,4 @@
-"""Numeric options reject text, NaN and infinity before anything runs."""
+"""Numeric options reject text, NaN and infinity before any run."""
 
 from typing import get_args, get_type_hints
 
@@ -10,7 +10,7 @@ from agrobot_mj import cli
 
 
 def real_options():
-    """(command, option) of every option that takes a real number."""
+    """Yield command and option for every option with a real number."""
     for command in cli.app.registered_commands:
         options = {option.name: option.opts[0] for option in get_command(cli.app).commands[command.name].params}
         for name, hint in get_type_hints(command.callback, include_extras=True).items():
@@ -22,7 +22,7 @@ def real_options():
 REAL = list(real_options())
 ENDLESS = {"--to", "--wait"}  # Options that may be infinite
 GIVEN = {"limit": ("circle", "--key", "seed", "--range", "1:2", "--until", "x")}
-"""What a command needs besides a source."""
+"""Other required arguments of a command."""
 
 
 @pytest.mark.parametrize(("command", "option"), REAL)

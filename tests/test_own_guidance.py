@@ -1,4 +1,4 @@
-"""The riding tractor's own guidance: its board, the offset at which it settles on the twin, and what its gate does."""
+"""Guidance of the riding tractor: its board, the steady-state offset of the twin, and the stop without RTK."""
 
 from math import cos, degrees, radians, sin, tan
 
@@ -24,11 +24,11 @@ from riding_tractor import (
 STRAIGHT, SCALE = 432.0, 0.15  # Reading straight ahead [counts], and scale [deg per count]
 LEVEL = {"kind": "flat"}
 PLAY = LOOKAHEAD_M**2 * np.tan(radians(10 * SCALE)) / (2 * WHEELBASE_M) + 0.01
-"""Offset that the dead band of 10 counts leaves undecided, and a centimetre of noise [m]."""
+"""Offset due to the dead band of 10 counts, plus a centimetre for noise [m]."""
 
 
 def line(length, step=0.49, lookahead=2.0):
-    """Waypoints eastwards."""
+    """Return waypoints along a line to the east."""
     x = np.arange(0.0, length, step)
     return np.column_stack((x, np.zeros_like(x), np.full_like(x, lookahead)))
 
@@ -61,7 +61,7 @@ def test_pure_pursuit_steers_to_the_first_waypoint_outside_its_radius():
 @pytest.mark.parametrize(("straight", "heading"), [(432.0, 0.0), (432.0, 1.0), (470.0, 0.0), (400.0, -1.0)])
 @pytest.mark.parametrize("lookahead", [2.0, 3.0])
 def test_analytic_steady_state_offset_agrees_with_a_kinematic_bicycle(straight, heading, lookahead):
-    """Against a bicycle that is driven until it has settled; waypoints up to one step beyond the reach blur it."""
+    """The bicycle is simulated until it settles; the waypoint spacing limits the accuracy."""
     pursuit, board, dt = Pursuit(line(120.0, 0.1, lookahead)), Board(), 0.05
     x = y = yaw = 0.0
     pot = straight
@@ -80,7 +80,7 @@ def machine():
 
 
 @pytest.mark.parametrize("straight", [447.0, 400.0])
-def test_tractor_stays_near_the_steady_offset_within_the_dead_band(machine, straight):
+def test_offset_matches_theory_within_the_dead_band_of_the_board(machine, straight):
     found = Loop(machine, straight, SCALE).run(0.5, 1, LEVEL).middle
     expected = steady_offset(Board().bias(straight), 0.0)
     assert found.left / 100 == pytest.approx(expected, abs=PLAY)
@@ -93,7 +93,7 @@ def test_board_with_the_correct_sensor_scale_stays_on_the_line(machine):
 
 
 def test_loss_of_fixes_stops_the_tractor_unless_its_last_fix_was_rtk(machine):
-    """A silent receiver whose last words were an RTK fix is believed."""
+    """If a receiver is silent, its last RTK fix remains valid."""
     ways = {}
     for name in ("position silent for 37 s, last fix of quality 2", "position silent for 37 s, last fix RTK"):
         fault = {"start_s": BEGIN_S, **FAILURES[name]}

@@ -1,4 +1,4 @@
-"""Image, workflows, conda recipe, citation, paper and sizes say what the project says, and name what is there."""
+"""Image, workflows, conda recipe, citation, paper and sizes agree with the project and name existing files."""
 
 import os
 import re
@@ -24,7 +24,7 @@ RECIPE = yaml.safe_load((ROOT / "recipe/recipe.yaml").read_text("utf-8"))
 INSTRUCTIONS = re.findall(r"^([A-Z]+) (.*)$", (ROOT / "Dockerfile").read_text("utf-8").replace("\\\n", ""), re.M)
 IN_IMAGE = re.findall(r"^!(\S+)$", (ROOT / ".dockerignore").read_text("utf-8"), re.M)
 CONDA = {"mujoco": "mujoco-python", "matplotlib": "matplotlib-base"}
-"""Names of packages on conda-forge, where they are others than on PyPI."""
+"""Names of packages on conda-forge that differ from the names on PyPI."""
 
 
 def verbs():
@@ -73,7 +73,7 @@ NODE_24 = {
     **{"actions/checkout": 5, "actions/setup-python": 6, "actions/upload-artifact": 6, "actions/download-artifact": 7},
     **{"actions/upload-pages-artifact": 5, "actions/deploy-pages": 5, "astral-sh/setup-uv": 7},
 }
-"""First major of each action that runs on Node 24; runners have had no Node 20 since September 2026."""
+"""First major version of each action on Node 24. Runners have no Node 20 since September 2026."""
 
 
 @pytest.mark.parametrize("name", sorted(WORKFLOWS))
@@ -120,7 +120,7 @@ def test_release_workflow_sets_the_url_of_its_repository(tmp_path):
 
 @pytest.fixture(scope="module")
 def image(tmp_path_factory):
-    """Return the files of the checkout that are in the image, with bytecode, which otherwise is compiled again."""
+    """Return the files of the checkout that are in the image, with bytecode to avoid compilation."""
     folder = tmp_path_factory.mktemp("image")
     for name in IN_IMAGE:
         source, target = ROOT / name, folder / name
@@ -134,7 +134,7 @@ def image(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def demo(image):
-    """The commands of the verb by which the image is built."""
+    """Return the commands of the `make` target with which the image is built."""
     (verb,) = (verb for name, text in INSTRUCTIONS if name == "RUN" for verb in re.findall(r"^make (\w+)", text))
     dry = subprocess.run(["make", "-n", verb], cwd=image, capture_output=True, text=True, check=False)
     assert dry.returncode == 0, dry.stderr
@@ -142,7 +142,7 @@ def demo(image):
 
 
 def test_docker_image_commands_install_the_package_and_run_its_demo(image, demo):
-    """In a virtual environment that finds the packages of this one, so that nothing is downloaded; a short drive."""
+    """The virtual environment uses the installed packages, so that nothing is downloaded. The run is short."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | {"PIP_NO_INDEX": "1"}
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", ".venv"], cwd=image, check=True)
     (packages,) = (image / ".venv").glob("lib/python*/site-packages")

@@ -1,4 +1,4 @@
-"""Runs behind the pages of the documentation: done once, kept, and never drawn with other sources."""
+"""Runs for documentation pages: simulated once, stored, and never plotted with results of other sources."""
 
 import json
 

@@ -1,5 +1,5 @@
-"""The benchmark restores all that a round changes, its page has all blocks, and the model that runs is
-the model as drawn. No test here asks how long anything takes."""
+"""Benchmark: each round restores its initial state, the page has all blocks, and the simulated model equals the
+displayed model. The tests do not depend on wall times."""
 
 import bench
 import mujoco
@@ -19,7 +19,7 @@ from agrobot_mj.tyres import Contact, MagicFormula, Ruts
 
 
 def left_behind(plant):
-    """All that the next round begins with."""
+    """Return all initial values of the next round."""
     state = plant.save()
     ruts = plant.ruts()
     return [state.physics, *state.memories, *([] if ruts is None else [ruts.depth])]
@@ -27,7 +27,7 @@ def left_behind(plant):
 
 @pytest.mark.parametrize("tyre", [Ruts(), MagicFormula()], ids=lambda tyre: tyre.kind)
 def test_every_benchmark_round_starts_from_the_same_state(tyre):
-    """Without restored soil the ruts deepen and each round takes longer than the previous one."""
+    """If the soil were not restored, ruts would deepen and each round take longer than the previous one."""
     plant = bench.moving(tyre, bench.rough_ground(100), settle_s=0.5)
     start = plant.save()
     bench.tyred_over_bare(plant, start)
@@ -38,7 +38,7 @@ def test_every_benchmark_round_starts_from_the_same_state(tyre):
 
 
 def test_performance_ratio_is_tick_time_divided_by_mujoco_step_time(monkeypatch):
-    """A clock that counts what is called: a tick is told by the plant, a step by MuJoCo."""
+    """The clock counts calls of the plant for a tick, and calls of MuJoCo for a step."""
     plant, spent = bench.moving(MagicFormula(), bench.rough_ground(100), settle_s=0.5), [0]
     tick, step = plant.step_through, mujoco.mj_step
 
@@ -56,7 +56,7 @@ def test_performance_ratio_is_tick_time_divided_by_mujoco_step_time(monkeypatch)
 
 
 def test_models_with_and_without_visual_geoms_step_identically():
-    """The stripped model and the one as drawn step alike, to the last bit."""
+    """Steps with and without visual geoms are bit-identical."""
     bare = bench.BareModel(load_scenario("figure_eight", {"duration_s": 1.0}))
     drawn = bare.as_drawn()
     assert drawn.model.ngeom > 5 * bare.model.ngeom
@@ -70,8 +70,8 @@ def test_models_with_and_without_visual_geoms_step_identically():
 @pytest.mark.parametrize("implement", [kind() for kind in every(Implement)], ids=lambda one: one.kind)
 @pytest.mark.parametrize("native", [None, Contact().native], ids=["tyres", "contact"])
 @pytest.mark.parametrize("terrain", [Flat(), Rough()], ids=lambda one: one.kind)
-def test_tumbling_tractor_has_equal_contacts_without_visual_geoms(implement, native, terrain):
-    """What is only drawn neither weighs nor touches, and islands change nothing: hood, roll bar and wheels bounce."""
+def test_contacts_of_a_tumbling_tractor_do_not_depend_on_visual_geoms(implement, native, terrain):
+    """Visual geoms have no mass and no contacts, and constraint islands have no effect, for a tumbling tractor."""
     found = []
     for drawn in (True, False):
         machine = Machine(implement=implement)

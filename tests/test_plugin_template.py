@@ -1,4 +1,4 @@
-"""examples/plugin_template, installed by pip, is found by its entry point, and its own tests pass."""
+"""examples/plugin_template, installed by pip, is found by its entry point, and its tests pass."""
 
 import os
 import shutil
@@ -13,7 +13,7 @@ TEMPLATE = ROOT / "examples" / "plugin_template"
 
 
 def python(folder, *arguments, path=()):
-    """A Python process in a folder, which must succeed, with these folders on its path."""
+    """Return the output of a successful Python process in a folder, with the folders `path` on its module path."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (ROOT, *path)))}
     command = [sys.executable, *map(str, arguments)]
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)

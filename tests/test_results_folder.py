@@ -1,4 +1,4 @@
-"""The folder of a run: one writer, one set of files, whatever disks, signals and other processes do."""
+"""Results folder of a run: one writer and one set of files, in spite of full disks, signals and other processes."""
 
 import errno
 import json
@@ -35,7 +35,7 @@ def elsewhere(tmp_path, monkeypatch):
 
 @pytest.fixture
 def call(call):
-    """(exit status, stderr) of a command line."""
+    """Return a function that runs a command line and returns exit status and stderr."""
     return lambda *arguments: call(*arguments)[::2]
 
 
@@ -48,7 +48,7 @@ def names(folder="out"):
 
 
 def ours(*files):
-    """Make a folder `out` with these files of an earlier command."""
+    """Create a folder `out` with files of an earlier command."""
     for name in files:
         Path("out", name).parent.mkdir(parents=True, exist_ok=True)
         Path("out", name).write_text("old")
@@ -314,7 +314,7 @@ def test_two_data_files_of_equal_name_are_copied_under_different_names():
     assert data == {"a": {"file": "f.csv"}, "b": [{"file": "f-2.csv"}, {"file": "f.csv"}], "c": {"file": "hills.asc"}}
 
 
-def test_scenario_hash_depends_on_data_file_content_but_not_its_path(own_files):
+def test_scenario_hash_depends_on_data_file_content_but_not_on_its_path(own_files):
     before = load_scenario(own_files).hash8
     Path("home").rename("elsewhere")
     assert load_scenario("elsewhere/mine.toml").hash8 == before

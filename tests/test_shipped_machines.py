@@ -1,4 +1,4 @@
-"""Every shipped machine drives: the library, the figure eight under LQR, and its data sheet against closed forms."""
+"""Shipped machines: library scenarios, and the figure eight under LQR."""
 
 from math import tan
 
@@ -17,7 +17,7 @@ SOME = (
     ("row_crop", "furrows_across"),
     ("row_crop", "lane_change"),
 )
-"""Short pairs of machine and scenario, driven by default."""
+"""Short pairs of machine and scenario that are simulated by default."""
 
 
 def ends_as_listed(machine, name):
@@ -48,7 +48,7 @@ def test_listed_exceptions_name_machines_and_scenarios_with_a_reason():
 
 @pytest.mark.parametrize("machine", ["row_crop", "utility"])
 def test_large_machines_complete_omega_turns_with_default_settings(machine):
-    """Nothing given: law and radius of the turns are the machine's."""
+    """Law and turn radius are the defaults of the machine."""
     field = {"machine": machine, "path.length_m": 30.0, "path.run_in_m": 10.0, "path.count": 3}
     log = run(load_scenario("one_hectare", {**field, "physics": "fast", "seed": 605}))
     assert log.outcome == "completed"
@@ -56,9 +56,9 @@ def test_large_machines_complete_omega_turns_with_default_settings(machine):
 
 
 def eight(machine):
-    """The level figure eight as large beside the machine's turning circle as the paper's beside its tractor's.
+    """Return a level figure eight whose size relative to the turning circle of the machine is that in the paper.
 
-    On a smaller one than the paper's the speed is smaller alike, so that its heading turns no faster.
+    If the figure is smaller than in the paper, the speed is reduced so that the yaw rate does not increase.
     """
     scenario = load_scenario("figure_eight", {"machine": machine, "guidance.kind": "lqr", "path.turns": 1})
     tightest = scenario.tractor.wheelbase_m / tan(scenario.tractor.steer_limit)
@@ -74,7 +74,7 @@ def eight(machine):
 
 
 def tracks(machine, share=1.0):
-    """Check that the machine follows this fraction of its figure eight."""
+    """Check that the machine follows the first fraction `share` of its figure eight."""
     scenario = eight(machine)
     log = run(scenario.changed({"duration_s": float(round(share * scenario.path.duration_s))}))
     assert log.outcome == "completed"

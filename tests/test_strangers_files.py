@@ -58,7 +58,7 @@ WRITERS = {
 }
 """Ways in which each command writes into a folder."""
 READERS = {"list", "explain", "init", "schema", "machine", "view"}
-"""Commands that write into none; `init` writes only a file that is not there yet."""
+"""Commands that write no result files. `init` writes only a new file."""
 CASES = [(name, arguments) for name, ways in WRITERS.items() if is_there(name) for arguments in ways]
 NAMES = (*SET, RECORDING, "comparison.json", "comparison.rrd", "bicycle-pd", "limit.json", "limit.png", "tuning.json")
 NAMES = (*NAMES, "base.toml", "sweep.toml", "plan.json", "sweep.parquet", "way.csv", "run.mcap", "drive_1.png")
@@ -71,7 +71,7 @@ FOLDERS = ("rows/00000/00000001.json", "rows/mine.csv", "runs/00000001/metrics.j
 
 @pytest.fixture(scope="module")
 def sources(tmp_path_factory):
-    """What the commands read: a run, a sweep, a recording, a scenario with a data file, the text of a sweep."""
+    """Return a folder with inputs of the commands: a run, a sweep, a recording, and a scenario with a data file."""
     mine = tmp_path_factory.mktemp("mine")
     (mine / "small.toml").write_text(SWEEP)
     ring = [[5.0, 52.0], [5.0004, 52.0], [5.0004, 52.0002], [5.0, 52.0002], [5.0, 52.0]]
@@ -88,7 +88,7 @@ def sources(tmp_path_factory):
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """An empty working directory; the viewer of snapshots is replaced by one that draws at once."""
+    """Return an empty working directory. A test double replaces the viewer of snapshots."""
     monkeypatch.chdir(tmp_path)
     layout = {0: {"ContainerBlueprint": {}}}
     viewer = SimpleNamespace(set_blueprint=lambda *_: None)
@@ -101,14 +101,14 @@ def place(tmp_path, monkeypatch):
 
 
 def full(folder, content=b"mine"):
-    """Fill a folder with a stranger's files, of all names that we use."""
+    """Fill a folder with files of other programs that have the names of result files."""
     for name in (*NAMES, *FOLDERS, "notes.txt", ".notes.txt.1a2b3c4d.part"):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)
 
 
 def contents(*folders):
-    """Everything below these folders but our mark: links, and files with their bytes."""
+    """Return all links and file contents below some folders, except the mark file of this program."""
     found = {}
     for folder in folders:
         for top, inner, files in os.walk(folder):
@@ -118,13 +118,13 @@ def contents(*folders):
 
 
 def asked(call, sources, name, arguments, here):
-    """(exit status, stderr) of a case in the folder `here`."""
+    """Return exit status and stderr of a command in the folder `here`."""
     words = [str(word).replace(HERE, str(here)).replace(MINE, str(sources)) for word in arguments]
     return call(*name.split(), *words)[::2]
 
 
 def refused(status, err):
-    """Whether a command was refused in one line."""
+    """Return whether a command was rejected with a message of one line."""
     return status == 2 and len(err.strip().splitlines()) == 1
 
 
@@ -178,7 +178,7 @@ OTHERS = [
     [*(pytest.param(*case, ALL_NAMES, id=f"{case[0]}-all names") for case in LIGHT), *OTHERS],
 )
 def test_links_in_a_results_folder_are_not_followed(call, sources, place, name, arguments, marked):
-    """Whoever made the folder: all that we would write is a link to somewhere else."""
+    """All names of result files are links to another folder, with and without the mark of this program."""
     folder, away = place / "shared", place / "away"
     full(away)
     folder.mkdir()
@@ -192,7 +192,7 @@ def test_links_in_a_results_folder_are_not_followed(call, sources, place, name, 
     assert status in (0, 1, 2)
 
 
-def test_results_folder_marker_that_is_a_link_is_ignored(place):
+def test_marker_file_that_is_a_link_is_ignored(place):
     full(place / "theirs")
     (place / "list").write_text("notes.txt\n")
     (place / "theirs" / MARK).symlink_to(place / "list")
@@ -203,12 +203,12 @@ def test_results_folder_marker_that_is_a_link_is_ignored(place):
 
 
 @pytest.mark.parametrize("name", ["", ".", "..", "a/b", "/a", "..\\a", "a\nb", "a\0", MARK, 3, None])
-def test_only_plain_file_names_in_the_results_folder_marker_are_accepted(name):
+def test_marker_file_may_list_only_plain_file_names(name):
     assert not is_bare(name)
     assert is_bare("way.csv")
 
 
-def test_truncated_results_folder_marker_does_not_prevent_a_new_run(place):
+def test_truncated_marker_file_does_not_prevent_a_new_run(place):
     (place / "out").mkdir()
     (place / "out" / f".{MARK}.1a2b3c4d.part").write_text(HEAD)
     with results(place / "out"):

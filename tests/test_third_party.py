@@ -42,7 +42,7 @@ def test_rox_control_library_steers_a_stepped_simulation(tmp_path):
 
 
 def test_third_party_code_is_unmodified(tmp_path):
-    """Versions and files as pip has installed them: nothing of theirs is changed."""
+    """Versions and files are those installed by pip."""
     code = (
         "from importlib.metadata import distribution as d; import base64, hashlib\n"
         "for name in ('avlite', 'rox-control'):\n"

@@ -1,4 +1,4 @@
-"""The built wheel, installed away from the checkout, brings its models and scenarios and runs one by name."""
+"""Built wheel, installed outside the checkout: contains its models and scenarios, and runs a scenario by name."""
 
 import os
 import subprocess
@@ -13,9 +13,9 @@ ROOT = Path(__file__).parent.parent
 
 
 def call(*command: str, cwd: Path, site: Path | None = None) -> str:
-    """Standard output of a command that succeeds; `site` comes before all other packages.
+    """Return the standard output of a successful command. `site` precedes all other packages.
 
-    Kernels stay plain Python: to compile those of another place anew takes longer than all the rest.
+    Kernels run as plain Python, because their compilation would take longer than all other steps.
     """
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"} | {"NUMBA_DISABLE_JIT": "1"}
     if site is not None:
@@ -35,7 +35,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def site(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where the wheel is installed, alone; its dependencies come from the tests' own environment."""
+    """Return a folder with the installed wheel only. Its dependencies are those of the test environment."""
     pytest.importorskip("pip")
     folder = tmp_path_factory.mktemp("site")
     options = ("--quiet", "--no-deps", "--no-index", "--target", str(folder))

@@ -15,7 +15,7 @@ BANNED = {
     "write 'in both directions' or 'on both sides'": r"\beither way\b",
     "write 'per'": r"\b(one|nodes|rows?|panels?|curves?|PNG|samples|cycles|calls?) an? [a-z]+\b",
 }
-"""Constructions that docstrings of the package and the scripts must not contain, by what to do instead."""
+"""Constructions that docstrings of the package and the scripts must not contain, each with advice."""
 LONGEST_NAME = 70  # Maximum number of characters of a test name
 
 

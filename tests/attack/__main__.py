@@ -1,10 +1,10 @@
-"""Attack the command line, the stages and extensions with hostile inputs: no traceback, no hang, no silent error.
+"""Test the command line, simulation components and extensions with hostile inputs: no traceback, hang or silent error.
 
     python tests/attack [--seed 1] [--inputs 300] [--only toml,nan] [--number 17]
 
 The seed determines all inputs, so that findings can be repeated. Each finding is printed with its class and number, and
 `--only CLASS --number N` repeats it. Each class has a summary line. The exit status is 1 if there are findings.
-Extensions have their own classes in `tests/extensions/NAME/attack_NAME.py`.
+Extensions have separate classes in `tests/extensions/NAME/attack_NAME.py`.
 """
 
 import argparse
@@ -42,8 +42,8 @@ CLASSES: dict[str, tuple] = {
     "copies": (copies, 0.06),
     "kills": (kills, 0.005),
 }
-"""Classes of inputs: function that runs one input, fraction of all inputs, functions for preparing the parent
-process."""
+"""Classes of inputs, with a function that runs one input, the fraction of all inputs, and functions for preparing the
+parent process."""
 sys.path.append(str(ROOT / "examples" / "agopengps_host"))
 for file in sorted((ROOT / "tests" / "extensions").glob("*/attack_*.py")):
     sys.path.append(str(file.parent))
@@ -53,7 +53,7 @@ LONG_S = {"kills": 900.0, "changes": 300.0, "interrupts": 300.0, "copies": 300.0
 
 
 def load(classes: list[str]) -> None:
-    """Load modules and compile kernels for these classes before processes are forked."""
+    """Load the modules and compile the kernels of some classes before processes are forked."""
     keys(), numbers()
     for prepare in [each for name in classes for each in CLASSES[name][2:]]:
         prepare()

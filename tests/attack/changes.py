@@ -111,7 +111,7 @@ CHANGES: dict[str, tuple[Callable[[random.Random], None], bool]] = {
     "place": (_moved, False),
     "times": (_touched, False),
 }
-"""Functions that change an input, each with a flag: whether the runs must then be simulated again."""
+"""Functions that change an input, and whether the runs must be simulated again after the change."""
 
 
 def changes(chance: random.Random) -> str:

@@ -51,7 +51,7 @@ PLACES = (
     *("out/é b", "out/[bold]", "run/signals.parquet", "null", "null/x", "/dev/full/x", "small.toml/x", "x" * 5000),
     "",
 )
-"""Values of `--out` that are not folders, or that are inside folders to which a command may write."""
+"""Values of `--out` that are invalid or unusual folder names."""
 WAITS = {("link", "--wait"), ("link", "--duration")}
 """Options that determine how long a command waits; they always get values that the command rejects."""
 REFUSED = ("nan", "-1", "-inf", "é", "")
@@ -64,7 +64,7 @@ MADE = {
     "limit": f"limit circle {LIMIT} --max-seeds 1 --jobs 1 --out limit --quiet {BICYCLE}",
 }
 MADE = {kind: line for kind, line in MADE.items() if kind in KNOWN}
-"""Commands that create a folder of results of each kind."""
+"""Commands that create a results folder of each kind."""
 NEEDED = {"commands": ("run",), "parquet": ("run",), "studies": (), "folders": tuple(MADE)}
 """Kinds of results that each class of inputs needs."""
 READ = {
@@ -78,12 +78,12 @@ READ = {
     }.items()
     if kind in MADE
 }
-"""Commands that read or continue a folder of results, by kind."""
+"""Commands that read or continue a results folder, by kind."""
 
 
 @cache
 def result(kind: str) -> Path:
-    """Return a folder with results of a kind, which is created once."""
+    """Return a results folder of a kind, which is created once."""
     place = Path(tempfile.mkdtemp())
     atexit.register(shutil.rmtree, place, ignore_errors=True)
     with contextlib.chdir(place):
@@ -102,8 +102,8 @@ def prepare(name: str) -> None:
 
 
 def commands(chance: random.Random) -> str:
-    """Run a command line with one to three errors. A pipe without writer and a device in the folder must not be
-    removed."""
+    """Run a command line with one to three errors. It must not remove a pipe without writer and a device in the
+    folder."""
     prepare("commands")
     os.mkfifo("pipe")
     with contextlib.suppress(PermissionError):
@@ -144,7 +144,7 @@ EXTRAS = {
     ],
     "tune": ["--seeds 200000", "--budget 8 --seeds 99999", "--budget 999999", "--guidance nope", "--jobs 1000000"],
 }
-"""Additional options of studies."""
+"""Additional options of studies, by command."""
 
 
 def studies(chance: random.Random) -> str:
@@ -158,7 +158,7 @@ def studies(chance: random.Random) -> str:
 
 
 def folders(chance: random.Random) -> str:
-    """Damage one file in a folder of results, then run a command that reads the folder."""
+    """Damage one file in a results folder, then run a command that reads the folder."""
     prepare("folders")
     kind = chance.choice(list(READ))
     file = chance.choice([file for file in sorted(Path(kind).rglob("*")) if file.is_file() and file.suffix != ".png"])

@@ -28,11 +28,11 @@ VALUES = (
 """Values that no key or option accepts, and values that are valid only for other keys."""
 BITS = (b"nan", b"-", b"1e999", b"\xff", b"", b",", b"\n", b"\x00" * 4)
 CONTENTS = (b"", b"[]", b"{}", b"null", b"3", b'{"a": 1}', b"[" * 3000, b"[{}]", b"\xff\xfe", b'[{"t": "x"}]', b"nan")
-"""Contents that replace a file."""
+"""Contents that replace the content of a file."""
 
 
 def bent(chance: random.Random, content: bytes, most: int = 20) -> bytes:
-    """Return the content with some bytes changed, and possibly cut."""
+    """Return file content with some changed bytes, possibly truncated."""
     changed = bytearray(content)
     for _ in range(chance.randint(1, most)):
         at = chance.randrange(len(changed))
@@ -44,7 +44,7 @@ def bent(chance: random.Random, content: bytes, most: int = 20) -> bytes:
 
 
 def odd_lines(chance: random.Random, file: Path) -> bytes:
-    """Return the content of a text file with some lines changed."""
+    """Return the content of a text file with some changed lines."""
     lines = file.read_bytes().split(b"\n")
     for _ in range(chance.randint(1, 4)):
         at = chance.randrange(len(lines))
@@ -79,7 +79,7 @@ def terrain_files() -> dict[str, bytes]:
 
 
 def odd_array(chance: random.Random) -> bytes:
-    """Return an array file with a type or shape that heights do not have."""
+    """Return an array file whose type or shape is invalid for heights."""
     kind = chance.choice(["f8", "f4", "i8", "u1", "c16", "U3", "M8[s]", "?", ">f8", "f2"])
     shape = chance.choice([(8, 8), (0,), (1, 1), (4,), (2, 2, 2), (3, 0), (2000, 2)])
     array, out = np.ones(shape, dtype="f8").astype(kind), io.BytesIO()

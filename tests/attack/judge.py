@@ -1,4 +1,4 @@
-"""Faults that no input may cause: traceback, hang, 2 GB of memory, wrong status, unexpected file, undetected NaN.
+"""Failures that no input may cause: traceback, hang, 2 GB of memory, wrong status, unexpected file, undetected NaN.
 
 Each input runs in a separate process, which is forked from a process with all modules loaded. It can thus neither
 affect the next input nor end the attack.
@@ -28,12 +28,13 @@ Attack = Callable[[random.Random], str]
 """Function that runs one input and returns a description of the fault, or an empty string if there is no fault."""
 FORK = get_context("fork")
 LONGEST_S, MOST_KB, LONGEST_TEXT = 60.0, 2_000_000, 10_000
-"""Limits of an input: time [s], memory [kB] and characters on stderr. Exceeding them is a finding."""
+"""Limits for an input: time [s], memory [kB] and number of characters on stderr. Exceeding a limit is a finding."""
 CERTAIN = ("t", "x", "y", "yaw", "speed", "x_ref", "y_ref", "x_hat", "y_hat", "yaw_hat", "steer_ref", "steer")
 CERTAIN += ("valve_voltage", "e_lateral")
 """Columns that contain finite numbers in all rows of a run with exit status 0."""
 POWERED, STATE = "pedal_voltage", "supervisor_state"
-"""Column that contains finite numbers unless the column `STATE` shows that the supervisor is stopping the tractor."""
+"""Name of a column that is finite unless the supervisor stops the tractor, and of the column of the supervisor
+state."""
 KNOWN = {"out", "runs", "run", "compare", "sweep", "limit"}  # Folders to which commands may write
 
 
@@ -57,7 +58,7 @@ def judged(attack: Attack, chance: random.Random, limit: float = LONGEST_S) -> s
 
 
 def _attack(attack: Attack, chance: random.Random, folder: str, theirs: Connection) -> None:
-    """Run the attack in the child; send its finding and the increase of the memory [kB]."""
+    """Run one input in the child process. Send its finding and the increase of the memory [kB]."""
     began_kb = _peak_kb()
     try:
         os.setpgid(0, 0)

@@ -52,7 +52,7 @@ ANSWERS = (
     *("return None, (1.0, 2.0)", "return 1 / 0", "raise ValueError('no')", "raise RuntimeError('broken')"),
     *("raise SystemExit(3)", "raise SystemExit(0)", "raise KeyboardInterrupt", "raise MemoryError"),
 )
-"""Erroneous bodies for the method of a kind in any family."""
+"""Erroneous bodies for a method of any plugin."""
 
 
 class Family(NamedTuple):
@@ -97,7 +97,7 @@ FAMILIES = (
     ),
 )
 RIGHT_LAW = PLUGIN.format(**LAWS._asdict() | RIGHT, answer="return state, Command(0.1, 1.0)")
-"""Guidance law that must be accepted and run."""
+"""Valid guidance law, which must be accepted."""
 
 
 def plugins(chance: random.Random) -> str:

@@ -1,7 +1,7 @@
 """Commands that are killed at random times. Their results must be complete or absent, and the next run must clean up.
 
-Requirements on `run`, `compare` and `sweep`: a folder of results contains either all files of a run or none that look
-like results. The same command then succeeds and leaves no temporary file. No process remains.
+Requirements on `run`, `compare` and `sweep`: a results folder contains all files of a run, or no file that resembles a
+result. The same command then succeeds and leaves no temporary file or process.
 """
 
 import json
@@ -32,7 +32,7 @@ COMMANDS = {
     "compare circle --controllers pd,pd_t2fnn --plants bicycle --set duration_s=30": "comparison.json",
     "sweep sweep.toml --jobs 2": "sweep.parquet",
 }
-"""Command lines, and the file that each writes last."""
+"""Command lines, each with the file that the command writes last."""
 
 
 def kills(chance: random.Random) -> str:
@@ -57,7 +57,7 @@ def kills(chance: random.Random) -> str:
 
 
 def _wait(process: "subprocess.Popen[bytes]", chance: random.Random) -> None:
-    """Wait until a random time of a command: soon, or after its first results."""
+    """Wait until a random time of a command, which is early or after its first results."""
     if chance.random() < 0.5:
         time.sleep(chance.uniform(0.2, 10.0))
         return
@@ -68,7 +68,7 @@ def _wait(process: "subprocess.Popen[bytes]", chance: random.Random) -> None:
 
 
 def _left(number: signal.Signals, words: str, status: int) -> str:
-    """Return the fault in the output and the files of an ended command."""
+    """Return the fault in the output and the files of a completed command."""
     if "Traceback" in words:
         return words[-2000:]
     if number != signal.SIGKILL and status not in (0, 1, 130, -number):
@@ -97,7 +97,7 @@ def _orphans(group: int) -> str:
 
 
 def _processes() -> dict[str, tuple[int, str]]:
-    """Return process group and state of every process."""
+    """Return the process group and the state of every process."""
     found = {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:

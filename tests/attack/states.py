@@ -56,7 +56,7 @@ def _scenario(chance: random.Random):
 
 
 def _commands(chance: random.Random, ticks: int) -> list[float | None]:
-    """Return a steering angle for each tick [rad], or None for the command of the guidance."""
+    """Return a steering angle for each tick [rad], or None for ticks in which the guidance law steers."""
     return [chance.choice([None, None, chance.uniform(-0.5, 0.5)]) for _ in range(ticks)]
 
 
@@ -98,7 +98,7 @@ def _forked(sim):
 
 
 class _Interrupting:
-    """Thread that sends SIGINT to this process at random times, each after receipt of the last one, until stopped."""
+    """Thread that repeatedly sends SIGINT to this process at random times, each after receipt of the previous one."""
 
     def __init__(self, chance: random.Random, longest_s: float) -> None:
         self.pauses = [chance.uniform(0.0, longest_s) for _ in range(30)]

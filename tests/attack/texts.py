@@ -1,4 +1,4 @@
-"""Invalid scenarios, sweeps and terrain files, and numbers in a tick that are not finite."""
+"""Invalid scenarios, sweeps and terrain files, and non-finite numbers in a tick."""
 
 import random
 import traceback
@@ -33,13 +33,13 @@ def keys() -> dict[str, Any]:
 
 @cache
 def numbers() -> list[tuple[str, float]]:
-    """Return the keys with numbers other than zero, and the numbers, except keys that increase the run duration."""
+    """Return the keys with nonzero numbers and their values, except keys that increase the run duration."""
     short = ("settle", "physics_dt", "duration", "turns", "half_size", "seed", "rules_")
     return [(k, v) for k, v in keys().items() if isinstance(v, float) and v and not any(part in k for part in short)]
 
 
 def sets(*texts: str) -> list[str]:
-    """Return the arguments that set keys."""
+    """Return the `--set` arguments for `KEY=VALUE` texts."""
     return [word for text in texts for word in ("--set", text)]
 
 
@@ -56,7 +56,7 @@ def toml(chance: random.Random) -> str:
 
 
 def sweeps(chance: random.Random) -> str:
-    """Read a sweep with hostile axes, draws and counts. The sweep must be rejected with a message, or be usable."""
+    """Read a sweep with hostile axes, draws and counts. It must be rejected with a message, or be usable."""
     if chance.random() < 0.3:
         Path("mine.toml").write_bytes(odd_lines(chance, chance.choice(list(sweep_files().values()))))
     else:
@@ -114,11 +114,11 @@ def files(chance: random.Random) -> str:
 
 
 UNUSED = ("wheel_speed", "nis", "steer_bias", "fix_age", "position_sigma", "nis_mean")
-"""Fields that may be NaN, or that only diagnostics use."""
+"""Message fields that may be NaN, or that only diagnostics use."""
 
 
 def injected(chance: random.Random) -> str:
-    """Replace one number in one message by NaN or infinity. The run must name the number or treat it as missing."""
+    """Replace a number in a message by NaN or infinity. The run must report the number or treat it as missing."""
     kind, value, at = chance.choice(["bicycle", "mujoco"]), chance.choice([nan, inf, -inf]), chance.randrange(1, 10)
     s, calls = load_scenario("figure_eight", {"duration_s": 1.0, "plant.kind": kind}), [0]
     stage, owner, method = chance.choice(

@@ -17,7 +17,7 @@ LAWS = ["lqr", "stanley", "pure_pursuit"]
 
 
 def acquisition(law, start, more=None):
-    """Return the acquisition metrics of a law, see `metrics.acquisition`."""
+    """Return the acquisition metrics (`metrics.acquisition`) of a run with a guidance law."""
     offset, heading, speed = start
     changes = {"path.start_offset_m": offset, "path.start_heading_deg": heading, "path.speed_m_s": speed}
     kinds = {"plant.kind": "bicycle", "guidance.kind": law, "supervisor.enabled": False, "duration_s": 40.0}
@@ -26,8 +26,8 @@ def acquisition(law, start, more=None):
 
 @pytest.mark.parametrize(("start", "law"), by_turns([pytest.param(s) for s in STARTS], LAWS))
 def test_law_acquires_line_with_small_overshoot_and_stays_on_it(law, start):
-    """Two starts allow more overshoot. Pure pursuit turns too late close to the line at a large angle. Stanley uses a
-    steering bias of 6 deg, estimated from the bicycle's slip at full lock (2 deg and 0.02 m on the MuJoCo tractor)."""
+    """Two starts allow more overshoot: for pure pursuit close to the line at a large angle, and for Stanley with an
+    estimated steering bias of 6 deg due to slip at full lock."""
     metrics = acquisition(law, start)
     assert metrics["acquired_s"] is not None
     steep = (law, start) in (("pure_pursuit", (-1.5, 45.0, 4.0)), ("stanley", (0.5, 90.0, 3.0)))
@@ -36,7 +36,7 @@ def test_law_acquires_line_with_small_overshoot_and_stays_on_it(law, start):
 
 @pytest.mark.parametrize(("start", "law"), by_turns(UNALIGNED, LAWS[:2]))
 def test_integral_is_constant_while_the_heading_is_unknown(law, start):
-    """Until the heading is known, the supervisor drives straight on and ignores the command of the law."""
+    """Until the heading is known, the supervisor commands straight driving and ignores the command of the law."""
     metrics = acquisition(
         law, start, {"supervisor.enabled": True, "plant.kind": "mujoco", "physics": "fast", "seed": 7}
     )
@@ -46,7 +46,7 @@ def test_integral_is_constant_while_the_heading_is_unknown(law, start):
 
 @pytest.mark.parametrize(("start", "law"), by_turns(TURNED, LAWS[:2]))
 def test_row_crop_tractor_acquires_its_line(law, start):
-    """With lqr after the hard turn of the second start, `ekf_full` reads 4 deg of transient sideslip as heading."""
+    """With lqr after the hard turn of the second start, `ekf_full` takes 4 deg of transient sideslip for heading."""
     more = {"sensors.imu.enabled": True, "estimator.terrain_compensation": True, "physics": "fast"}
     metrics = acquisition(law, start, {"machine": "row_crop", "plant.kind": "mujoco", **more})
     assert metrics["acquired_s"] < (35.0 if (law, start) == ("lqr", TURNED[1].values[0]) else 12.0)

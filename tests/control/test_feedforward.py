@@ -1,4 +1,4 @@
-"""Setpoints of the cascaded laws, and their steering in reverse."""
+"""Setpoints of the cascaded guidance laws, and steering in reverse."""
 
 from math import cos, radians, sin, sqrt
 
@@ -39,7 +39,7 @@ def test_yaw_rate_setpoint_is_limited_by_steering_rate_and_response_time(
 
 @pytest.mark.parametrize(("speed", "factor"), [(0.6, 1.0), (1.5, 1.0), (6.0, 2.0)])
 def test_tuned_law_corrects_errors_faster_at_higher_speed(speed: float, factor: float) -> None:
-    """Far south of a path 0.3 rad from east, tanh is 1 and the result is the saturation in the heading frame."""
+    """At a large distance from a path 0.3 rad from east, tanh is 1, so the result is the saturation."""
     near = situation(Bend(speed), speed=speed)
     aside = near._replace(estimate=near.estimate._replace(y=near.estimate.y - 100.0))
 
@@ -51,7 +51,7 @@ def test_tuned_law_corrects_errors_faster_at_higher_speed(speed: float, factor: 
 
 
 def test_yaw_rate_setpoint_on_arc_is_curvature_times_tractor_speed() -> None:
-    """A CG on an arc has a heading turned inwards by asin(l_r kappa)."""
+    """On an arc of the CG, the heading deviates from the tangent by asin(l_r kappa), inwards."""
     inwards = np.arcsin(MACHINE.cg_to_rear_axle * 0.1)
     for speed in (0.6, 1.2):
         _, yaw_rate = Feedforward().setpoints(situation(Bend(1.2, 0.1), -inwards, speed))

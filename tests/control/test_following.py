@@ -95,7 +95,7 @@ def test_law_with_integral_action_has_no_offset_with_steering_bias(law: Followin
 
 
 def test_stanley_integral_removes_steering_bias_offset_without_overshoot() -> None:
-    """Forward only; acquiring a line from far does not wind up the integral."""
+    """The test is in forward direction. Acquiring a line from 3 m does not wind up the integral."""
     biased = drive(Stanley(), Bend(1.2), 80.0, bias=radians(3.0))
     assert abs(biased.offset[-100:]).max() < 0.01
     assert biased.reports[-1][-1] == pytest.approx(radians(3.0), abs=radians(0.3))
@@ -160,7 +160,7 @@ def test_lagging_tractor_exceeds_the_path_speed_only_near_the_path(
 
 @pytest.mark.parametrize("law", [p for p in LAWS if not isinstance(p.values[0], Nmpc)])  # Nmpc starts at the wheels
 def test_speed_is_low_until_wheels_reach_the_steering_command(law: Following) -> None:
-    """At rest, 10 deg off, with the wheels at the wrong stop, the tractor creeps until the wheels have turned."""
+    """The tractor starts at rest, 10 deg off, with the wheels at the opposite stop."""
     path, l_r = Bend(3.0), MACHINE.cg_to_rear_axle
     r, route, yaw = path.at(1.0), SampledRoute(path), path.at(1.0).yaw + radians(10.0)
     e = Estimate(r.x, r.y, yaw, 0.0, 0.0, r.x - l_r * cos(yaw), r.y - l_r * sin(yaw), np.eye(3))
@@ -203,7 +203,7 @@ def test_pure_pursuit_on_circle_steers_for_the_rear_axle_radius() -> None:
 
 
 def test_lqr_integral_is_frozen_at_the_steering_limit() -> None:
-    """Off the path and with little steering allowed, the integral is below 30 % of one without anti-windup."""
+    """With a large offset and a small steering limit, the integral is below 30 % of that without anti-windup."""
     law = Lqr(approach_deg=80.0, lateral_acceleration_m_s2=0.05, integral_limit_deg=45.0)
     d = drive(law, Bend(1.2), 20.0, offset=1.5)
     integral = np.array([report[-1] for report in d.reports])
@@ -213,7 +213,7 @@ def test_lqr_integral_is_frozen_at_the_steering_limit() -> None:
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_lqr_integral_stays_within_its_configured_limit(side: int) -> None:
-    """For a bias above the limit of the integral, the integral is at its limit and an offset remains."""
+    """With a bias above the limit of the integral, an offset remains."""
     law = Lqr(integral_limit_deg=4.0)
     d = drive(law, Bend(1.2), 40.0, bias=side * radians(9.0))
     integral = np.array([report[-1] for report in d.reports])
@@ -225,7 +225,7 @@ def test_lqr_integral_stays_within_its_configured_limit(side: int) -> None:
 
 @pytest.mark.parametrize("law", LAWS)
 def test_law_reverses_when_its_reference_reverses_at_a_cusp(law: Following) -> None:
-    """A law that has driven forward reverses as soon as its reference does."""
+    """The law has followed the path in forward direction before the cusp."""
     path = Bend(-1.2)
     r, m = path.at(5.0), MACHINE
     e = Estimate(
@@ -254,7 +254,7 @@ def test_lqr_steady_state_sideslip_equals_the_bicycle_model(speed: float) -> Non
     [("offset_m", 0, True), ("heading_deg", 1, True), ("integral_m_s", -1, True), ("steer_deg", 0, False)],
 )
 def test_larger_lqr_weights_change_gains_with_the_expected_sign(key: str, gain: int, grows: bool) -> None:
-    """A key is the deviation with a cost of 1: half of it multiplies the cost by four."""
+    """A key is the deviation with a cost of 1, so that half of the key multiplies the cost by four."""
     law = Lqr()
     costly = law.model_copy(update={key: 0.5 * getattr(law, key)})
     before, after = (abs(one.gains(MACHINE, 1.2)[gain]) for one in (law, costly))
@@ -323,7 +323,7 @@ def test_lqr_gains_are_interpolated_between_grid_speeds(u):
 
 
 class Unsampled:
-    """Route without samples, on which a law is evaluated step by step."""
+    """Route without samples, for evaluating a law step by step."""
 
     def __init__(self, route: SampledRoute) -> None:
         self.route = route

@@ -1,4 +1,4 @@
-"""Supervisor checks beyond single fixes: inertial unit, agreement of wheel and fix speeds, approach to the path."""
+"""Supervisor checks without single fixes: inertial unit, wheel speed against fix speed, approach to the path."""
 
 from math import nan, radians, sin
 from types import SimpleNamespace
@@ -15,7 +15,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 
 
 def attitude(angles, forces=None, moving=True):
-    """Return the evidence after these pairs of roll and pitch [deg], with forces of these tilts [deg]."""
+    """Return the evidence after pairs of roll and pitch [deg], with specific forces at the tilts `forces` [deg]."""
     evidence = AttitudeEvidence()
     for k, (roll, pitch) in enumerate(angles):
         readings = {}
@@ -67,7 +67,7 @@ def test_vertical_vibration_is_not_interpreted_as_tilt():
 
 
 def situations(speeds, offsets):
-    """Yield situations with these estimated speeds [m/s] and distances from the path [m]."""
+    """Yield situations with the given estimated speeds [m/s] and distances from the path [m]."""
     for k, (speed, offset) in enumerate(zip(speeds, offsets, strict=True)):
         estimate = Estimate(1.0, offset, 0.0, speed, 0.0, 0.5, offset, np.eye(3), fix_age=0.0, nis_mean=2.0)
         reference = Reference(1.0, 0.0, 1.2, 0.0, 0.0, 0.0)
@@ -75,7 +75,7 @@ def situations(speeds, offsets):
 
 
 def supervised(speeds, offsets, wheel=nan, fixes=0.0):
-    """Return the state after these situations, for a command of 1 m/s and these wheel and fix speeds [m/s]."""
+    """Return the supervisor state after situations with wheel and fix speeds [m/s], for a command of 1 m/s."""
     supervisor = Supervisor()
     state = supervisor.init()
     noise = np.random.default_rng(5)

@@ -1,4 +1,4 @@
-"""PI controller on the yaw rate, alone and with feed-forward."""
+"""PI controller of the yaw rate, alone and with feed-forward."""
 
 from math import radians
 
@@ -31,7 +31,7 @@ def test_pi_controller_with_zero_integral_gain_equals_a_p_controller() -> None:
 
 
 def integral_after(kappa: float, yaw_rate: float, seconds: float = 60.0) -> float:
-    """Return the integral [rad] after driving with feed-forward at a constant yaw rate."""
+    """Return the integral [rad] after a drive with feed-forward at a constant yaw rate."""
     path = Bend(1.0, kappa, 0.0)
     route, law = SampledRoute(path), Feedforward().using(Pi(kp=0.1, ki=0.2))
     state, steer = law.init(), 0.0
@@ -46,7 +46,7 @@ def integral_after(kappa: float, yaw_rate: float, seconds: float = 60.0) -> floa
 
 
 def test_integral_is_limited_to_the_angle_left_by_the_feedforward() -> None:
-    """On an arc that needs most of the steering angle, the integral stops at the remaining angle."""
+    """On an arc that needs most of the steering angle, the integral is limited to the remaining angle."""
     kappa = 0.6
     ahead = np.arctan(MACHINE.wheelbase_m * kappa)
     assert integral_after(kappa, -0.25) == pytest.approx(MACHINE.steer_limit - ahead, abs=0.1)

@@ -75,7 +75,7 @@ def _valve_rate(v: float, dead: float, gain: float, limit: float) -> float:
 
 
 def _steer_step(loop: SteeringLoop, target: float, seconds: float = 8.0) -> np.ndarray:
-    """Return the steering angle [rad] per tick: delay and lag 0.1 s, dead band 0.4 V, 0.12 rad/s per V."""
+    """Return the steering angle per tick [rad], for delay and lag 0.1 s, dead band 0.4 V, and 0.12 rad/s per V."""
     dt, steer, spool, state = 0.005, 0.0, 0.0, loop.init()
     queue, angles = deque([0.0] * round(0.1 / dt)), []
     for _ in range(round(seconds / TICK)):
@@ -104,7 +104,7 @@ def test_steering_error_below_tolerance_gives_neutral_voltage() -> None:
 
 
 def _drive(loop: SpeedLoop, target: float, seconds: float = 15.0) -> tuple[np.ndarray, np.ndarray]:
-    """Return speed [m/s] and pedal [-] per tick: dead band 0.3 V, 0.5 /s per V, full pedal 5 m/s, lag 0.4 s."""
+    """Return speed [m/s] and pedal [-] per tick, for dead band 0.3 V, 0.5 /s per V, full speed 5 m/s, and lag 0.4 s."""
     dt, pedal, speed, state = 0.005, 0.0, 0.0, loop.init()
     speeds, pedals = [], []
     for _ in range(round(seconds / TICK)):
@@ -158,7 +158,7 @@ def test_steering_reference_respects_its_rate_limit() -> None:
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("saturated", [False, True])
 def test_integral_does_not_wind_up_at_either_limit(side: int, saturated: bool) -> None:
-    """With the output at its limit, by error or feed-forward, the integral is held until the error reverses."""
+    """If the error or the feed-forward saturates the output, the integral is held until the error reverses."""
     pid, state = Pid(kp=0.0, ki=1.0), PidState(integral=0.3 * side)
     for _ in range(200):
         state, output = pid.update(state, 2.0 * side, TICK, -1.0, 1.0, ahead=5.0 * side if saturated else 0.0)

@@ -1,4 +1,4 @@
-"""Dead reckoning of the supervisor: detection of faulty fixes, and consistency of its standard deviation."""
+"""Dead reckoning of the supervisor: detection of faulty fixes, and consistency of the standard deviation."""
 
 from math import atan, cos, inf, nan, pi, radians, sin
 from types import SimpleNamespace
@@ -34,11 +34,11 @@ def drive(
     known=None,
     quality=lambda t: Quality.FIX,
 ):
-    """Return ratios of distance to standard deviation, and their times, on straights of 20 s and half circles.
+    """Return ratios of distance to standard deviation, with their times, on straights of 20 s and half circles.
 
-    There is a fix every `every` ticks, delayed by `late` ticks; `wheel` scales the wheel speed. The implement `hitched`
-    is towed, and the supervisor assumes `known`; the sideslip `slip_deg` depends on its angle. `weight` is the vertical
-    specific force divided by g, `quality` the quality of the fixes.
+    There is a fix every `every` ticks, delayed by `late` ticks. `wheel` scales the wheel speed. The towed implement is
+    `hitched`, and `known` in the supervisor; the sideslip `slip_deg` depends on its angle. `weight` is the vertical
+    specific force divided by g, and `quality` the quality of the fixes.
     """
     noise = np.random.default_rng(seed)
     x = y = yaw = wander = swing = 0.0
@@ -139,8 +139,8 @@ def test_dual_antenna_detects_slow_drift_long_after_gyro_loss():
 
 
 @pytest.mark.parametrize("loose", [Quality.FLOAT, Quality.DGPS])
-def test_float_and_dgps_fixes_have_their_own_permitted_deviation(loose):
-    """A wandering float error is accepted; a sliding one and a jump by metres are detected."""
+def test_float_and_dgps_fixes_have_separate_permitted_deviations(loose):
+    """A slowly varying float error is accepted; a steadily increasing error and a jump by metres are detected."""
 
     def quality(t):
         return Quality.FIX if t < 37.0 or t > 81.0 else loose
@@ -173,7 +173,7 @@ def test_dead_reckoning_requires_a_gyro_and_a_first_rtk_fix():
 
 
 def test_lateral_implement_pull_in_turns_causes_no_false_alarm():
-    """In half circles the implement pulls the tractor inwards by 1.6 deg."""
+    """In half circles, the implement force causes an inward sideslip of 1.6 deg."""
     implement, pulled = (
         TowedImplement(length=2.6, working=True),
         {"slip_deg": lambda t, swing: -7.0 * sin(swing), "roll": 0.0},

@@ -27,7 +27,7 @@ def situation_with(y=0.0, steer=0.0, aligned=True, age=0.0, sigma=0.02, nis=2.0,
 
 
 def drive(supervisor, situations, fix=FIX, pedal=0.24, command=None):
-    """Return state and commands after these situations; the pedal follows its reference immediately."""
+    """Return state and commands after situations, for a pedal that follows its reference immediately."""
     state, commands = supervisor.init(), []
     for situation in situations:
         measured = Measurement(situation.t, fix, Quality.FIX if fix else Quality.NONE, situation.steer, pedal, nan)
@@ -69,7 +69,7 @@ def test_exceeded_limit_stops_the_tractor_with_the_limit_as_reason(bad, fix, wor
 def supervised(ticks, frozen=10**9, claimed=Quality.FIX, **readings):
     """Return the state after `ticks` straight on at 1.2 m/s, with some measurements replaced by a number or a list.
 
-    The position follows the speed of the fixes with noise of 1 cm; from tick `frozen` on it is constant, with the
+    The position is the integral of the fix speed with noise of 1 cm. From tick `frozen` on, it is constant with the
     quality `claimed`.
     """
     values = {"fix": 1.2, "north": 0.0, "gyro": 0.0, "wheel": 1.2, "pedal": 0.24, "steer": 0.0, "speed": 1.2} | readings
@@ -125,7 +125,7 @@ def test_faulty_measurement_stops_the_tractor_within_the_permitted_time(readings
 
 
 def test_missing_or_repeated_gyro_value_on_a_straight_causes_no_stop():
-    """A noise-free gyro measures zero on a line, packets may be delayed, and wheels turned at rest cause no yaw
+    """Cases: a noise-free gyro on a line, delayed gyro values, and wheels turned at standstill, which cause no yaw
     rate."""
     late = [0.001 * k for k in range(40)] + [0.04] * 7 + [0.001 * k for k in range(40, 80)]
     assert supervised(80, gyro=late, steer=[0.0] * 42 + [0.1]).mode is Mode.TRACKING
@@ -135,7 +135,7 @@ def test_missing_or_repeated_gyro_value_on_a_straight_causes_no_stop():
 
 
 def course_gyro_angle(course, gyro, speed=1.0, quality=Quality.FIX, every=2, late=0, pedal=0.2):
-    """Return the maximum angle [deg] between the rotation of a course [rad] and of a gyro [rad/s].
+    """Return the maximum angle [deg] between the rotations of a course [rad] and of a gyro [rad/s].
 
     There is a fix every `every` ticks, delayed by `late` ticks.
     """
@@ -168,7 +168,7 @@ def test_course_gyro_difference_is_large_only_with_a_sensor_fault():
 
 
 def test_course_check_tolerates_fast_antenna_oscillation():
-    """On bumps a slow receiver at times measures a backward motion of the antenna; the gyro is correct."""
+    """On bumps, a slow receiver sometimes measures backward motion of the antenna, while the gyro is correct."""
     t, rng = TICK * np.arange(800), np.random.default_rng(4)
     bumps = np.where(t % 9.0 < 1.0, 1.4 * np.sin(12.0 * t), 0.0) + 0.1 * rng.standard_normal(t.shape)
     ahead = 1.2 - np.where(t % 9.0 < 1.0, 1.3 * np.abs(np.sin(7.0 * t)), 0.0)
@@ -227,7 +227,7 @@ def test_cross_track_limit_applies_while_the_heading_is_realigned():
 
 @pytest.mark.parametrize("limit", [0.012, 0.07, 2.0])
 def test_cross_track_limit_applies_once_the_path_has_been_reached(limit):
-    """The tractor starts slightly outside, follows the path for longer than the acquisition time, and leaves it."""
+    """The tractor starts slightly outside the limit, follows the path beyond the acquisition time, and leaves it."""
     supervisor = Supervisor(max_cross_track_m=limit)
     distance = [1.2 * limit] + [0.0] * round(1.5 * supervisor.max_acquiring_s / TICK)
     assert not drive(supervisor, [situation_with(y=y) for y in distance])[0].reason
@@ -248,7 +248,7 @@ def test_full_steering_step_causes_no_stop_while_the_wheels_move():
 
 
 def ramp(steer_of):
-    """Return the state after a command moved twice from lock to lock at 25 deg/s; `steer_of` gives the wheel angle."""
+    """Return the state after two command ramps from lock to lock at 25 deg/s; `steer_of` gives the wheel angle."""
     supervisor, commands = Supervisor(), np.radians(45 - np.abs((25 * TICK * np.arange(288)) % 180 - 90))
     state, noise = supervisor.init(), np.random.default_rng(1).normal(0, np.radians(0.3), len(commands))
     for k, command in enumerate(commands):
@@ -288,7 +288,7 @@ def test_tractor_with_unknown_heading_creeps_with_path_curvature(path):
 
 
 def test_tractor_off_the_path_may_move_away_until_its_heading_is_known():
-    """The tractor is within the limit until its heading is known, 45 deg off; the limit applies from then on."""
+    """The heading, 45 deg off, becomes known within the limit. The limit applies from this time on."""
     away = [1.4 + 0.02 * k for k in range(60)]
     supervisor, back = Supervisor(), [2.6 + 0.03 * k for k in range(20)] + [3.2 - 0.05 * k for k in range(60)]
     before = [situation_with(y=y, aligned=False) for y in away]

@@ -1,4 +1,4 @@
-"""The six guards of the network, one by one, and all together with adversarial inputs."""
+"""Six guards of the network, individually and together with adversarial inputs."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def _memberships(s: T2FnnState, x1: float, x2: float) -> np.ndarray:
 
 
 def _single(x_minus_c: float, lower: float = 0.5, upper: float = 0.8) -> T2FnnState:
-    """Return a network with one rule; x1 = 0 is `x_minus_c` right of its centre, x2 = 0 is 0.1 right of its own."""
+    """Return a network with one rule. Input x1 = 0 is `x_minus_c` above its centre, x2 = 0 is 0.1 above its centre."""
     return T2FnnState(
         c1=np.array([-x_minus_c]),
         c2=np.array([-0.1]),
@@ -37,7 +37,7 @@ def _single(x_minus_c: float, lower: float = 0.5, upper: float = 0.8) -> T2FnnSt
 
 @pytest.mark.parametrize("size", [(1, 1), (2, 3), (3, 3), (7, 4)])
 @pytest.mark.parametrize("x", [(0.0, 0.0), (1e4, -3.0)])
-def test_first_input_is_inside_every_fuzzy_set_but_not_at_a_centre(
+def test_initial_inputs_are_inside_every_fuzzy_set_but_not_at_a_centre(
     size: tuple[int, int], x: tuple[float, float]
 ) -> None:
     state = T2Fnn(rules_1=size[0], rules_2=size[1]).init(*x)
@@ -46,7 +46,7 @@ def test_first_input_is_inside_every_fuzzy_set_but_not_at_a_centre(
     assert min(np.abs(x[0] - state.c1).min(), np.abs(x[1] - state.c2).min()) > 0.02
 
 
-def test_widths_that_exclude_the_first_input_are_rejected() -> None:
+def test_widths_that_exclude_the_initial_inputs_are_rejected() -> None:
     with pytest.raises(ValidationError, match="width_lower_2"):
         T2Fnn(width_lower_2=0.4)
     with pytest.raises(ValidationError, match="width_upper_1"):
@@ -135,7 +135,7 @@ def test_widths_outside_the_limits_are_clipped() -> None:
     assert state.d1_lower[0] == state.d1_upper[0] == 100.0
 
 
-def test_input_inside_only_the_upper_fuzzy_set_stays_inside_it() -> None:
+def test_learning_keeps_an_input_inside_the_upper_membership_function() -> None:
     state = _single(0.6, lower=0.3)
     for _ in range(300):
         state, _ = T2Fnn(alpha=50.0).update(state, 0.0, 0.0, 1.0, TICK)
@@ -204,7 +204,7 @@ def test_fuzzy_set_centres_follow_inputs_while_learning_is_disabled() -> None:
 
 
 def _pattern(name: str, n: int, rng: np.random.Generator) -> np.ndarray:
-    """Return n triples (x1, x2, tau_c)."""
+    """Return n input triples (x1, x2, tau_c)."""
     scale = 10 ** rng.uniform(-6, 3, size=3)
     if name == "constant":
         return np.tile(scale, (n, 1))
@@ -241,7 +241,7 @@ PATTERNS = st.lists(st.sampled_from(["constant", "zero", "huge", "flipping", "no
 
 
 def _assert_bounds(network: T2Fnn, outside: bool, patterns: list[str], seed: int) -> None:
-    """Check 1,000 ticks for NaN and violated bounds."""
+    """Check for NaN and violated bounds during 1,000 ticks."""
     rng = np.random.default_rng(seed)
     state = _start(network, outside, rng)
     for x1, x2, tau_c in np.concatenate([_pattern(name, 200, rng) for name in patterns]).tolist():

@@ -7,7 +7,7 @@ from agrobot_mj.control.t2fnn import T1Fnn, T2Fnn, T2FnnState
 
 
 def _peer_output(s: T2FnnState, x1: float, x2: float) -> float:
-    """Return the output of the same network in pyit2fls."""
+    """Return the output of the same network in the library pyit2fls."""
 
     def sets(c: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> list[IT2FS]:
         domain = np.linspace(-3, 3, 3)

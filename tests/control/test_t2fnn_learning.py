@@ -41,7 +41,7 @@ def test_small_learning_step_equals_the_published_adaptation_laws() -> None:
 def test_width_rates_equal_the_published_law_in_each_branch(
     tau_c: float, side: int, distance: float, input_: int
 ) -> None:
-    """Lower width 0.5, upper 0.8: input inside both sets, inside the upper set only, outside both."""
+    """Widths are 0.5 and 0.8. The input is inside both sets, inside the upper set only, or outside both sets."""
     c, lower, upper = np.array([0.1, 0.0]), np.array([0.5, 1.5]), np.array([0.8, 2.0])
     other = np.array([0.2]), np.array([1.0]), np.array([1.5])
     f, x = np.array([[0.3], [-0.4]]), 0.1 + side * distance
@@ -136,7 +136,7 @@ def test_output_rate_doubles_when_q_is_adapted(adapt_q: bool, factor: int) -> No
 
 
 def _reaching(network: T2Fnn, seed: int, warm_up: int) -> None:
-    """Check Theorem 1 for one exogenous tau(t) with a rate below B < alpha and random inputs."""
+    """Check Theorem 1 for one exogenous tau(t) with a rate below B < alpha, and random inputs."""
     rng, dt, alpha = np.random.default_rng(seed), 0.05, network.alpha
     B, kind = alpha * rng.uniform(0, 0.95), seed % 3
     state, tau = network.init(*rng.normal(size=2)), 0.0

@@ -105,7 +105,7 @@ def test_fuzzy_set_centres_start_at_the_first_error_and_follow_the_error() -> No
     assert after.c1 - network.c1 == pytest.approx([0.1] * 3)
 
 
-def test_command_uses_network_output_and_q_from_before_the_update() -> None:
+def test_command_uses_network_output_and_weight_q_from_before_the_update() -> None:
     controller, weights = PdT2fnn(network=T2Fnn(alpha=0.01)), set()
     state, _ = controller.update(controller.init(), 0.0, 0.1, TICK, LIMIT)
     for k, e in enumerate(_errors()):

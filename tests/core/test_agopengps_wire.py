@@ -1,4 +1,4 @@
-"""Frames of the AgOpenGPS family: golden vectors, real frames, round trips, and what is no frame."""
+"""Frames of the AgOpenGPS family: golden vectors, real frames, round trips, and invalid frames."""
 
 from math import isnan, pi, radians
 from random import Random
@@ -33,7 +33,7 @@ GOLDEN = {
     "202": (Scan(), "80 81 7F CA 03 CA CA 05 E5"),
     "203": (ScanReply(126, (127, 0, 0, 1), (127, 0, 0)), "80 81 7E CB 07 7F 00 00 01 7F 00 00 4F"),
 }
-"""Message and its bytes, computed by hand from the layouts."""
+"""Messages with their bytes, computed by hand from the layouts."""
 
 
 def bare(text: str) -> bytes:

@@ -1,4 +1,4 @@
-"""Validation faults as sentences: one line a fault, each with the key that the user wrote and what would be right."""
+"""Validation faults as sentences: one line per fault, with the key that the user wrote and a remedy."""
 
 import json
 from typing import Annotated, Literal
@@ -44,7 +44,7 @@ class Shelf(Spec):
 
 
 def faults(data):
-    """The lines of the message for `data`, validated as a scenario is."""
+    """Return the lines of the error message for `data`, which are validated like a scenario."""
     with pytest.raises(ValidationError) as error:
         Shelf.model_validate_json(json.dumps(data))
     return explain(error.value, "shelf.toml", data, Shelf).splitlines()
@@ -140,6 +140,6 @@ def test_only_similar_names_are_suggested():
     assert suggestion("x", []) == ""
 
 
-def test_scenario_error_converts_to_its_message():
+def test_str_of_a_scenario_error_is_its_message():
     assert str(ScenarioError("a: b")) == "a: b"
     assert issubclass(ScenarioError, ValueError)

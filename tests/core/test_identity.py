@@ -1,4 +1,4 @@
-"""The identity of a run: which of its parts a change touches, and that places do not count."""
+"""Identity of a run: its parts that a change affects, and its independence of file locations."""
 
 import json
 import sys
@@ -23,7 +23,7 @@ LAW = """
 
 
 def differing(one, other):
-    """Names of the parts that differ."""
+    """Return the names of the identity parts that differ."""
     return [name for name, a, b in zip(Identity._fields, one, other, strict=True) if a != b]
 
 

@@ -1,4 +1,4 @@
-"""Signals: held back within a block, delivered between two steps, and never lost."""
+"""Signals: delayed within a block, delivered between two steps, and never lost."""
 
 import os
 import signal
@@ -14,12 +14,12 @@ pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGUSR1"), reason="POSIX si
 
 
 class StoppedError(Exception):
-    """Raised by a handler."""
+    """Exception raised by a signal handler."""
 
 
 @pytest.fixture
 def received():
-    """Numbers of the signals that the handlers of a user have received."""
+    """Yield a list of the signal numbers that the handlers of a user have received."""
     numbers = []
     before = {n: signal.signal(n, lambda n, frame: numbers.append(n)) for n in (signal.SIGINT, signal.SIGUSR1)}
     yield numbers

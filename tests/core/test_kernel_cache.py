@@ -1,4 +1,4 @@
-"""The cache of compiled kernels: damaged files are compiled again, and a user without home has one."""
+"""Cache of compiled kernels: damaged files are compiled again, and a user without a home folder has a cache."""
 
 import sys
 from threading import Thread
@@ -29,7 +29,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def fresh(function=beyond_play):
-    """Return a kernel of the package, compiled or loaded again."""
+    """Return a kernel of the package, either compiled again or loaded from the cache."""
     made = njit(nogil=True)(function.py_func)
     made._cache = PackageCache(function.py_func)
     return made

@@ -1,4 +1,4 @@
-"""Kernels do without references to arrays, and can be bound to the types of their arguments."""
+"""Kernels: freed arrays, immutable states, and compilation for given argument types."""
 
 import os
 import pickle
@@ -45,7 +45,7 @@ def tripled(x):
 
 
 def arrays_lost(work):
-    """How many arrays of compiled code are not freed after `work`."""
+    """Return the number of arrays of compiled code that are not freed after `work`."""
     _nrt_python.memsys_enable_stats()
     try:
         before = rtsys.get_allocation_stats()
@@ -59,7 +59,7 @@ def arrays_lost(work):
 @compiled
 @pytest.mark.parametrize("tyre", [tyre() for tyre in every(Tyre)], ids=lambda tyre: tyre.kind)
 def test_kernels_do_not_leak_arrays(tyre):
-    """Both grounds, every tyre, all loads; the count sees a lost array where there is one."""
+    """Both ground types, every tyre and all loads are simulated. A kernel that leaks an array checks the count."""
     kept, making = [], jit(tripled)
     making(1.0)
     assert arrays_lost(lambda: kept.append(making(1.0))) == 1
@@ -77,7 +77,7 @@ def test_kernels_do_not_leak_arrays(tyre):
 
 @compiled
 def test_compiled_results_are_constructed_without_python_calls():
-    """A signal's handler could raise there, in the middle of compiled code."""
+    """During a Python call, a signal handler could raise an exception in the middle of compiled code."""
     plant = MujocoPlant(Mujoco(settle_s=0.0), load_scenario("hills").vehicle, plane(0.0, 0.0, 5.0))
 
     def work():
@@ -97,7 +97,7 @@ def test_compiled_results_are_constructed_without_python_calls():
 
 @pytest.mark.skipif(CACHE is None, reason="nothing is kept")
 def test_kernel_with_argument_types_of_other_packages_is_not_cached():
-    """Another process may lack their class, and a change of their source would go unseen."""
+    """Another process may lack the class of an argument, and the cache would not detect changes of its source."""
 
     def kept():
         return {file: file.read_bytes() for file in CACHE.rglob("*height_and_gradient*")}
@@ -120,14 +120,14 @@ def test_kernel_with_bound_signature_gives_the_same_result():
 
 
 class Half(NamedTuple):
-    """Record of a stage."""
+    """Test record of a stage."""
 
     value: float
     parts: tuple[int, bool]
 
 
 def halves(half: Half, more: Vector) -> tuple[Half, float]:
-    """Return the record with half of its value, and the sum of the values."""
+    """Return a record with half of the value, and the sum of the values."""
     return Half(0.5 * half.value, half.parts), half.value + more[0]
 
 
@@ -140,12 +140,12 @@ def test_argument_types_of_a_stage_come_from_its_annotations():
 
 
 class StoppedError(Exception):
-    """Raised by a signal's handler."""
+    """Exception raised by a signal handler."""
 
 
 @contextmanager
 def signals_in_callbacks(monkeypatch):
-    """Send a signal in each callback in which LLVM passes on machine code, or asks for cached code."""
+    """Send a signal in each callback in which LLVM provides machine code or requests cached code."""
     engine = cpu_target.target_context.codegen()._engine._ee
 
     def stop(number, frame):

@@ -1,4 +1,4 @@
-"""Lines from sensors and to valves: what arrives under each distortion."""
+"""Signal lines of sensors and valves: received values for each distortion."""
 
 from math import isnan, nan
 
@@ -10,7 +10,7 @@ DT = 0.05
 
 
 def arrived(values, distortions):
-    """Return the values received for these values, each with its distortion."""
+    """Return the values received for the sent `values`, each with its distortion."""
     line, found = SignalLine(), []
     for value, distortion in zip(values, distortions, strict=True):
         line, value = line.carried(value, distortion, DT)

@@ -1,4 +1,4 @@
-"""Sentences of the receiver and the local tangent plane of their coordinates."""
+"""NMEA sentences of the receiver, and the local tangent plane of their coordinates."""
 
 from math import isnan, pi, radians
 
@@ -124,7 +124,7 @@ def test_local_plane_coordinates_match_the_ellipsoid():
 
 
 def _tangent_plane(origin, latitude, longitude):
-    """East and north in the tangent plane of WGS84, through geocentric coordinates."""
+    """Return east and north in the tangent plane of WGS84, computed from geocentric coordinates."""
     import numpy as np
 
     a, e2 = 6378137.0, 6.69437999014e-3
@@ -147,7 +147,7 @@ def test_latitudes_and_longitudes_of_all_hemispheres_are_read():
 
 
 def test_point_due_east_of_the_origin_has_the_latitude_of_the_origin():
-    """The tangent plane's north falls behind by x^2 tan(latitude) / 2R."""
+    """At this latitude, the north coordinate in the tangent plane is x^2 tan(latitude) / 2R."""
     origin = Origin(50.877, 4.699)
     _, north = _tangent_plane(origin, *to_geodetic(origin, 500.0, 0.0))
     assert north == pytest.approx(0.0241, abs=0.0003)

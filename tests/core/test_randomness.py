@@ -12,7 +12,7 @@ def test_equal_seeds_and_names_give_equal_random_numbers():
 
 
 def test_random_stream_with_a_given_name_is_equal_in_all_processes():
-    """PCG64's raw output is guaranteed by numpy; a salted hash or another derivation would change it."""
+    """NumPy guarantees the raw output of PCG64; a salted hash or another derivation would change this output."""
     assert stream(1, "gnss").bit_generator.random_raw(2).tolist() == [
         17226359634499376580,
         2644112348458446183,

@@ -1,7 +1,7 @@
-"""Every command that the README and the pages of docs/ print is one that works.
+"""All commands in the README and the pages of docs/ are valid.
 
-All of them are parsed by the real command line, their keys and scenarios are looked up, their scripts, verbs and extras
-exist; the short ones are run for half a second here, and the rest, in the order of the page, by `pytest -m slow`.
+The command line parses all commands. Their keys, scenarios, scripts, commands and extras must exist. Short commands run
+for half a second here, and all others run in the order of the page with `pytest -m slow`.
 """
 
 import importlib.util
@@ -39,7 +39,7 @@ OTHERS = {
     "udp_law": "the law in C++; tests/docs/test_cookbook.py",
     **dict.fromkeys(("export", "source", ".", "mkdir", "cp"), "the shell's own"),
 }
-"""Programs that these tests leave alone, and why."""
+"""Programs that these tests do not run, with the reasons."""
 QUICK = ("list", "explain", "init", "schema", "run")  # Verbs that are executed by default
 UNATTENDED = {
     "view": "opens a viewer; tests/recording has its own tests",
@@ -52,7 +52,7 @@ UNATTENDED = {
     "validate": "takes minutes; tests/bench/manoeuvres",
     "field run": "takes minutes; tests/extensions/fields/test_field_run.py",
 }
-"""Beginnings of commands that are only parsed, and why."""
+"""First words of commands that are only parsed, with the reasons."""
 ELSEWHERE = {
     "docs/cookbook.md": "tests/docs/test_cookbook.py",
     "docs/plugins.md": "tests/docs/test_plugins_doc.py",
@@ -63,7 +63,7 @@ ELSEWHERE = {
     "docs/extensions/links/gym.md": "tests/extensions/links/test_trainer.py",
     "docs/tutorial.md": "tests/docs/test_tutorial.py",
 }
-"""Pages whose commands another test executes as they stand."""
+"""Pages whose commands are executed unchanged by another test."""
 SHORT = {
     "run": "--set duration_s=30 --quiet",
     "compare": "--set duration_s=0.5 --no-rrd --quiet",
@@ -73,12 +73,12 @@ SHORT = {
     "tune": "--budget 8 --seeds 1 --set duration_s=4 --quiet",
     "sweep": "--jobs 1 --quiet",
 }
-"""Options by verb that are appended to a command so that it ends soon."""
+"""Options that are appended to a command to shorten it, by command."""
 GLIMPSE = ("--set", "duration_s=0.5", "--quiet", "--no-rrd")  # What is appended to a run that is only to begin and end
 
 
 class Printed(NamedTuple):
-    """A command as a page prints it."""
+    """Command as printed on a page."""
 
     page: str
     folder: Path  # Folder of the tree in which it is to be run, after the block's `cd`
@@ -94,7 +94,7 @@ class Printed(NamedTuple):
 
     @property
     def rest(self):
-        """Words after the verb."""
+        """Words after the name of the command."""
         return split_command(self.words[1:])[1]
 
     def __str__(self):
@@ -107,7 +107,7 @@ def known(word):
 
 
 def commands():
-    """All commands of all pages, in their order."""
+    """Yield the commands of all pages in their order."""
     for page in PAGES:
         for language, block in re.findall(r"^```(\w*)[^\n]*\n(.*?)^```", page.read_text(encoding="utf-8"), re.S | re.M):
             folder = ROOT
@@ -138,14 +138,14 @@ def test_every_command_is_documented_and_every_page_has_commands():
 
 @pytest.mark.parametrize("command", IN_OURS, ids=str)
 def test_documented_command_is_accepted_by_the_command_line(command):
-    """Verb, options and the types of their values, by the application itself."""
+    """The application itself parses the command, its options and the types of their values."""
     assert command.verb in CLI.commands
     context = CLI.commands[command.verb].make_context(command.verb, command.rest)
     assert context.args == []
 
 
 PLUGINS = ("guidance.", "plant.tyre.kind", "sensors.accelerometer.")
-"""Keys of the parts that plugins on the pages bring; tests/docs/test_plugins_doc.py drives them."""
+"""Keys of components from plugins on the pages; tests/docs/test_plugins_doc.py simulates them."""
 
 
 @pytest.mark.parametrize("command", [c for c in IN_OURS if "--set" in c.words or "--variant" in c.words], ids=str)
@@ -161,7 +161,7 @@ def test_keys_and_values_in_a_documented_command_are_valid(command):
 
 
 @pytest.mark.parametrize("command", [c for c in ALL if c.program != OURS], ids=str)
-def test_files_named_in_documented_command_exist(command):
+def test_files_named_in_documented_commands_exist(command):
     words = command.words
     if command.program == "make":
         assert re.search(rf"^{words[1]}:", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M)
@@ -183,7 +183,7 @@ def test_files_named_in_documented_command_exist(command):
 
 
 def call(monkeypatch, folder, words):
-    """Exit status of one of our commands in a folder."""
+    """Return the exit status of an `agrobot-mj` command in a folder."""
     monkeypatch.chdir(folder)
     monkeypatch.setattr(sys, "argv", [OURS, *words])
     with pytest.raises(SystemExit) as leaving:
@@ -192,7 +192,7 @@ def call(monkeypatch, folder, words):
 
 
 def test_documented_commands_run_for_half_a_second(tmp_path, monkeypatch, capsys):
-    """Half a second of each, one after another in the order of the page, so that files lead to files."""
+    """The commands of a page run in their order, because later commands may read the files of earlier ones."""
     done = 0
     for command in IN_OURS:
         if command.verb not in QUICK or command.page in ELSEWHERE or "--plugin" in command.words:
@@ -207,7 +207,7 @@ def test_documented_commands_run_for_half_a_second(tmp_path, monkeypatch, capsys
 
 
 def supplied(folder):
-    """Files that the readers of a page bring along: field, sweep, law, and a recording of a machine with its map."""
+    """Write the files that readers of a page must provide: field, sweep, law, and a recorded log with its map."""
     for page, language, file in (("studies", "toml", "mine.toml"), ("plugins", "python", "my_law.py")):
         text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
         (folder / file).write_text(re.search(rf"```{language}\n(.*?)```", text, re.S)[1], encoding="utf-8")

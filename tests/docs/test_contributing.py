@@ -1,4 +1,4 @@
-"""CONTRIBUTING.md names verbs that the Makefile has, and all folders of the tree, and no others."""
+"""CONTRIBUTING.md names existing Makefile targets, and exactly the folders of the repository."""
 
 import re
 import subprocess
@@ -17,7 +17,7 @@ def first_cells(pattern):
 
 
 def tracked_folders():
-    """Folders at the top of the tree that git tracks, without hidden ones."""
+    """Return the top-level folders that git tracks, except hidden ones."""
     if not (ROOT / ".git").exists():
         pytest.skip("this is no checkout")
     files = subprocess.run(

@@ -1,4 +1,4 @@
-"""docs/cookbook.md is true: its files and commands work one after the other, in shorter runs, and so does its C++."""
+"""docs/cookbook.md: its files, commands and C++ program work in the given order, in shorter runs."""
 
 import contextlib
 import json
@@ -25,13 +25,13 @@ FILES = dict(re.findall(r"as `(\w+\.toml)`:\n\n```toml\n(.*?)```", TEXT, re.S))
 LINES = [line for block in re.findall(r"^```sh\n(.*?)```", TEXT, re.S | re.M) for line in block.splitlines()]
 COMMANDS = [shlex.split(line)[1:] for line in LINES if line.startswith("agrobot-mj ")]
 SURVEY = "latitude,longitude\n50.8770,4.6990\n50.8770,4.6996\n50.8772,4.7000\n"
-"""Waypoints some 40 m apart, with a gentle bend."""
+"""Waypoints at distances of about 40 m, with a gentle bend."""
 BOUNDARY = "latitude,longitude\n50.8770,4.6990\n50.8770,4.7000\n50.8776,4.7000\n50.8776,4.6990\n"
 """Corners of a field of 0.5 ha."""
 LOG = "time_s,steer_angle_deg,speed_km_h,latitude,longitude,fix_quality\n" + "".join(
     f"{k / 10},2.0,5.4,{50.877 + k * 1e-6},4.699,4\n" for k in range(400)
 )
-"""A log in the columns that need no map."""
+"""Log whose columns have a built-in map."""
 BRIEF = "--set duration_s=30 --set plant.kind=bicycle --no-rrd --quiet"
 QUICKER = {
     **SHORT,
@@ -100,7 +100,7 @@ def test_compare_limit_and_risk_commands_write_their_results(walk):
 
 @pytest.fixture(scope="module")
 def program(tmp_path_factory):
-    """C++ law, compiled as described on the page."""
+    """Return the C++ law, compiled as described on the page."""
     build, _ = [line.split() for line in LINES if "udp_law" in line]
     if shutil.which(build[0]) is None:
         pytest.skip(f"needs a C++ compiler, {build[0]}")
@@ -114,7 +114,7 @@ def program(tmp_path_factory):
 
 
 def test_cpp_law_steers_the_tractor_over_udp(program, tmp_path):
-    """From 1 m beside the line to within decimetres of it, as fast as the law answers."""
+    """The tractor starts 1 m from the line and approaches it to within decimetres, as fast as the law replies."""
     (link,) = (words for words in COMMANDS if words[0] == "link")
     own, boards = free_ports()
     law = subprocess.Popen([str(program), str(own), str(boards)], stdout=subprocess.PIPE, text=True)

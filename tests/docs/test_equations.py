@@ -16,19 +16,19 @@ IN_CODE = {
     *("16", "16ek", "enyeni1", "fij", "q_q", "chatter"),
     *("kinematicmodelKF", "kinematicmodelEKF", "generalmodelEKF"),
 }
-"""Labels of the paper's equations that the code has a line for."""
+"""Labels of the paper's equations that have a line in the code."""
 BESIDE = {
     *("lateralmotionoftractor", "yawmotionoftractor", "sideslipangles"),
     *("kinematicmodeltractorcontrol", "inversekinematicmodeltractor", "triangular1", "Rahib2_7", "4"),
     *("alphaa", "lyapunov", "noise"),
     *("kirkyedi", "kirksekiz", "kirkdokuz", "elliiki", "elliuc", "ellidort", "eq48"),
 }
-"""The paper's other labelled equations: derivations, general forms, conditions and proofs."""
+"""Labels of the paper's other equations: derivations, general forms, conditions and proofs."""
 GUARDED = {"16", "16ek", "enyeni1", "fij", "q_q", "Rahib2_6"}  # Equations that a guard of the network changes
 
 
 def functions(tree, prefix=""):
-    """(first line, last line, qualified name) of every function, inner ones after the outer."""
+    """Yield first line, last line and qualified name of every function. Inner functions follow their outer function."""
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.ClassDef | ast.FunctionDef):
             name = f"{prefix}{node.name}"
@@ -38,7 +38,7 @@ def functions(tree, prefix=""):
 
 
 def tags_of(file):
-    """(tag, module.function) of every tag in a file."""
+    """Yield tag and `module.function` of every equation tag in a file."""
     text = file.read_text(encoding="utf-8")
     module = ".".join(file.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__")
     places = list(functions(ast.parse(text)))
@@ -57,7 +57,7 @@ def in_table():
 
 
 def beside_the_table():
-    """Labels of the second table, which have no separate line."""
+    """Return the labels of the second table, whose equations have no separate line."""
     below = TABLE.read_text(encoding="utf-8").partition("## Equations without a separate line")[2]
     rows = [line.split("|")[1] for line in below.splitlines() if line.startswith("| `")]
     return re.findall(r"`([A-Za-z0-9_]+)`", " ".join(rows))

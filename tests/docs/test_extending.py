@@ -1,4 +1,4 @@
-"""A new member of every family, as described in docs/extending.md, needs one file and a few further lines."""
+"""Examples of docs/extending.md: a new member of each family needs one file and a few further lines."""
 
 import json
 import os
@@ -22,16 +22,16 @@ PYTHON = dict(
 (SCENARIO,) = re.findall(r"## Use the new parts\n\n```toml\n(.*?)```", TEXT, re.S)
 FAMILIES = {"terrain", "faults", "control", "tyres", "paths", "sensors", "metrics"}
 NEW = "carrot or dome or brush or racetrack or gnss_shift or accelerometer or comfort"
-"""Names of the new members, which stand in the names of the contract tests that are made for them."""
+"""Names of the new members, which are part of the names of their contract tests."""
 LISTS = (
     *("tests/test_architecture.py", "tests/test_writing.py", "tests/simulation/test_columns.py"),
     *("tests/docs/test_columns_doc.py", "tests/docs/test_models_doc.py", "tests/docs/test_scenarios_doc.py"),
 )
-"""Tests of all members together."""
+"""Tests that check all members together."""
 ANNOUNCED = {"test_models_doc.py::test_every_assumed_value_has_a_row_in_a_parameter_table"}
 """Tests that, as documented on the page, fail until the new kinds are described."""
 SHORT_START = ("--set", "plant.settle_s=0.1", "--set", "physics=fast")
-"""Fewer steps of the physics, which run as plain Python."""
+"""Options for fewer physics steps, because the steps run as plain Python."""
 TESTED = """
 import runpy, sys, pytest
 first, *words = sys.argv[1:]
@@ -42,7 +42,7 @@ sys.exit(pytest.main(words))
 
 
 def add_lines(file: Path, block: str) -> None:
-    """An import goes before the first of the package's; any other line behind the one shown before it."""
+    """Insert package imports before the first one in the file, and other lines after the preceding line of `block`."""
     lines = file.read_text(encoding="utf-8").splitlines()
     place = None
     for line in block.splitlines():
@@ -59,7 +59,7 @@ def add_lines(file: Path, block: str) -> None:
 
 @pytest.fixture(scope="module")
 def checkout(tmp_path_factory):
-    """Copy of the source tree, changed as described on the page."""
+    """Return a copy of the source tree, changed as described on the page."""
     folder = tmp_path_factory.mktemp("checkout")
     for name in ("agrobot_mj", "scenarios", "models", "tests", "docs", "scripts", "examples"):
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("images"))
@@ -76,13 +76,13 @@ def checkout(tmp_path_factory):
 
 
 def call(folder, *arguments):
-    """The command in that checkout; without compiled kernels, which would take longer than the run."""
+    """Run a command in the checkout without compiled kernels, because compilation would take longer than the run."""
     return bare(folder, "-m", "agrobot_mj", *arguments, PYTHONPATH=str(folder))
 
 
 @pytest.fixture(scope="module")
 def results(checkout):
-    """The folder of a run of the page's scenario."""
+    """Return the folder of a run of the page's scenario."""
     done = call(checkout, "run", "hill.toml", "--out", "out", *SHORT_START)
     assert (done.returncode, done.stderr) == (0, "")
     assert "completed" in done.stdout
@@ -100,9 +100,9 @@ def test_new_component_needs_one_file_and_few_lines_in_other_files():
 
 
 def outcomes(folder, *arguments, compiled=False, first=""):
-    """Failed and passed tests of that checkout, as `file::test`; without compiled kernels unless said.
+    """Return the failed and the passed tests of the checkout, as `file::test`. Kernels are compiled only if `compiled`.
 
-    `first` is a script that is run before them, in the same process.
+    `first` is a script that runs before the tests, in the same process.
     """
     path = os.pathsep.join((str(folder), str(folder / "scripts")))
     words = ["-c", TESTED, first, "-rfp", "--tb=no", "-p", "no:cacheprovider", "-p", "no:xdist", *arguments]
@@ -121,9 +121,9 @@ def outcomes(folder, *arguments, compiled=False, first=""):
 
 @pytest.fixture(scope="module")
 def contracts(checkout):
-    """Failed and passed tests of all members together, and those of the new members, with the reference made anew.
+    """Return the failed and the passed tests of all members and of the new members, with a regenerated reference.
 
-    Those of the law and the tyre drive: below.
+    Tests that simulate the law and the tyre are excluded.
     """
     files = (
         *LISTS,
@@ -153,7 +153,7 @@ def test_contract_tests_of_the_new_components_pass(contracts):
 
 @pytest.mark.slow
 def test_contract_tests_of_the_example_law_pass(checkout):
-    """It drives every path by default: `test_example_law_follows_every_kind_of_path`."""
+    """By default, `test_example_law_follows_every_kind_of_path` simulates the law on every path."""
     failed, passed = outcomes(checkout, "tests/control", "-k", "carrot", compiled=True)
     assert failed == set()
     assert len(passed) >= 1
@@ -227,7 +227,7 @@ print(json.dumps(found))
 
 @pytest.mark.parametrize(("length", "runs"), [("short", 6), pytest.param("whole", 12, marks=pytest.mark.slow)])
 def test_example_law_follows_every_kind_of_path(tmp_path, length, runs):
-    """As it stands on the page, from rest, with no fault that would push it off the start; whole, on both plants."""
+    """Simulate the law of the page on flat ground without supervisor; in slow tests for a minute on both plants."""
     (tmp_path / "carrot.py").write_text(PYTHON["agrobot_mj/control/carrot.py"], encoding="utf-8")
     done = program(tmp_path, DRIVE, length)
     assert done.returncode == 0, done.stderr

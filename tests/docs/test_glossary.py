@@ -1,4 +1,4 @@
-"""docs/glossary.md explains the abbreviations of the pages, in the order of the alphabet and a line each."""
+"""docs/glossary.md explains each abbreviation of the pages on one line, in alphabetical order."""
 
 import re
 from collections import Counter
@@ -8,11 +8,11 @@ DOCS = Path(__file__).parents[2] / "docs"
 ROWS = re.findall(r"^\| (.+?) \| (.+?) \|$", (DOCS / "glossary.md").read_text(encoding="utf-8"), re.M)[1:]
 PAGES = [page for page in sorted(DOCS.rglob("*.md")) if page.stem != "glossary"]
 COMMON = {"ASABE", "GB", "ISO", "JSON", "MB", "ROS", "SI", "SIGTERM", "TOML", "UDP"}
-"""Words in capitals that a reader looks up elsewhere."""
+"""Common abbreviations that the glossary omits."""
 
 
 def abbreviations(text):
-    """Words in capitals outside code and links."""
+    """Return the words in capitals outside code and links."""
     prose = re.sub(r"```.*?```|`[^`\n]*`|\]\([^)\s]*\)", " ", text, flags=re.S)
     return set(re.findall(r"\b[A-Z]+[0-9]?[A-Z]+\b", prose))
 

@@ -1,4 +1,4 @@
-"""Every link and anchor of every Markdown file leads somewhere, and the menu of the site has every page of docs/."""
+"""Every link and anchor in Markdown files has a target, and the menu of the site contains every page of docs/."""
 
 import re
 from pathlib import Path
@@ -14,12 +14,12 @@ FENCE = re.compile(r"^(```|~~~).*?^\1\s*$", re.DOTALL | re.MULTILINE)
 
 
 def prose(page):
-    """The text of a page without fenced blocks and code spans."""
+    """Return the text of a page without fenced blocks and code spans."""
     return re.sub(r"`[^`\n]*`", "", FENCE.sub("", page.read_text(encoding="utf-8")))
 
 
 def anchors(page):
-    """What a fragment may name: the headings, as GitHub and the site make anchors of them."""
+    """Return the anchors that GitHub and the site create for the headings of a page."""
     text = FENCE.sub("", page.read_text(encoding="utf-8"))
     found = []
     for heading in re.findall(r"^#{1,6} +(.*?) *$", text, re.MULTILINE):
@@ -30,7 +30,7 @@ def anchors(page):
 
 
 def of_removed_extension(file):
-    """Whether a file would lie in the pages of an extension whose folder is absent."""
+    """Return whether a file would be in the pages of an extension whose folder is absent."""
     parts = Path(normpath(file)).relative_to(ROOT).parts
     return parts[:2] == ("docs", "extensions") and not (ROOT / "agrobot_mj" / Path(*parts[1:3])).is_dir()
 

@@ -1,4 +1,4 @@
-"""docs/reference/models.md has every assumed value of the code with its value and its range or source."""
+"""docs/reference/models.md lists every assumed value of the code with its value and its range or source."""
 
 from functools import cache
 from pathlib import Path
@@ -15,18 +15,18 @@ TEXT = (Path(__file__).parents[2] / "docs" / "reference" / "models.md").read_tex
 
 @cache
 def numbers():
-    """Numbers of all tables of the page."""
+    """Return the numbers in all tables of the page."""
     return [number for table in numbers_in(TEXT).values() for number in table]
 
 
 def home(model: type[Any], key: str) -> str:
-    """The class that first has the field: one entry there speaks for all that inherit it."""
+    """Return `class.key` for the base class that defines the field. One table row applies to all derived classes."""
     first = next(base for base in reversed(model.__mro__) if key in getattr(base, "model_fields", {}))
     return f"{first.__name__}.{key}"
 
 
 def assumed(model: type[Spec]) -> set[str]:
-    """Every number below `model` that is an assumed value."""
+    """Return all keys below `model` whose default is an assumed value."""
     found = set()
     for key, field in model.model_fields.items():
         for part in members(field.annotation).values():

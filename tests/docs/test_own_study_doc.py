@@ -1,4 +1,4 @@
-"""docs/own_study.md is true: its package adds a command, whose study is resumed and extended."""
+"""docs/own_study.md: its package adds a command, whose study can be resumed and extended."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""The package of docs/extending.md, written word by word and installed by pip, brings a command, a kind and a page."""
+"""Package of docs/extending.md: with the printed files and installed by pip, it adds a command, a kind and a page."""
 
 import os
 import re
@@ -29,7 +29,7 @@ print(*{"numpy", "numba", "mujoco", "agrobot_mj.scenario.schema"} & set(sys.modu
 
 @pytest.fixture(scope="module")
 def package(tmp_path_factory):
-    """Folder of the example package, installed into the neighbouring folder `site`."""
+    """Return the folder of the example package, which is installed into the neighbouring folder `site`."""
     pytest.importorskip("pip")
     folder = tmp_path_factory.mktemp("package") / "my-terraces"
     for name, content in FILES.items():
@@ -43,12 +43,12 @@ def package(tmp_path_factory):
 
 
 def path(folder):
-    """Search path of modules with the installed package."""
+    """Return the module search path with the installed package."""
     return os.pathsep.join(map(str, (ROOT, folder.parent / "site", folder / "site")))
 
 
 def python(folder, *arguments):
-    """Output and messages of a Python process with the installed package, which must succeed."""
+    """Return stdout and stderr of a successful Python process with the installed package."""
     environment = {**os.environ, "PYTHONPATH": path(folder), "NUMBA_DISABLE_JIT": "1"}
     command = [sys.executable, *map(str, arguments)]
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
@@ -57,7 +57,7 @@ def python(folder, *arguments):
 
 
 def agrobot_mj(folder, *arguments):
-    """Output of a command with the installed package, which must succeed."""
+    """Return the output of a successful command with the installed package."""
     done = bare(folder, "-m", "agrobot_mj", *arguments, PYTHONPATH=path(folder))
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout

@@ -1,4 +1,4 @@
-"""docs/plugins.md is true: law, tyre, sensor and metric run from a folder outside the package."""
+"""docs/plugins.md: its law, tyre, sensor and metric run from a folder outside the package."""
 
 import json
 import os
@@ -35,7 +35,7 @@ def folder(tmp_path_factory):
 
 
 def python(folder, *arguments, path=(), separate=False):
-    """A Python process in a folder; warnings of the users' kind are errors. `separate` is one with compiled kernels."""
+    """Run Python in a folder, where a UserWarning is an error. With `separate`, the process has compiled kernels."""
     variables = {"PYTHONPATH": os.pathsep.join([str(ROOT), *map(str, path)])}
     if not separate:
         return bare(folder, *arguments, **variables)
@@ -56,7 +56,7 @@ def test_commands_of_the_page_run_and_give_repeatable_results(folder):
 
 @needs_all
 def test_tyre_sensor_and_metric_plugins_shown_on_the_page_run(folder):
-    """The run on the page's tyre without compiled kernels, which are made anew for it and would take longer."""
+    """The run with the page's tyre has no compiled kernels, because their compilation would take longer."""
     for line in OTHERS.splitlines():
         driven = line.split()[1] == "run"
         short = ["--set", "duration_s=1", "--set", "plant.settle_s=0.1"] if driven else []
@@ -81,7 +81,7 @@ def _chunks(run):
 
 
 def _info(run):
-    """The text of a recording."""
+    """Return the text of a recording."""
     return " ".join(str(chunk.to_record_batch().to_pydict()) for chunk in _chunks(run) if chunk.entity_path == "/info")
 
 
@@ -114,7 +114,7 @@ def test_python_script_shown_on_the_page_runs(folder):
 
 
 def installed(site, law):
-    """A distribution in a folder with metadata, as an installer leaves it, with this module `my_law`."""
+    """Write a distribution of the module `my_law` with its metadata, as an installer does. Return the folder."""
     (site / "my_package").mkdir(parents=True)
     (site / "my_package" / "__init__.py").write_text("")
     (site / "my_package" / "my_law.py").write_text(law, encoding="utf-8")

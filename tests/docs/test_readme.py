@@ -1,4 +1,4 @@
-"""The Python example of the README runs, with the errors that the README gives."""
+"""The Python example of the README runs and gives the errors stated there."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Every source that code or documentation cites as [Key], or paper.md as @Key, is in docs/references.bib, no other."""
+"""docs/references.bib contains exactly the sources cited as [Key] in code and documentation or as @Key in paper.md."""
 
 import re
 from pathlib import Path
@@ -12,7 +12,7 @@ ENTRY = re.compile(r"@(\w+)\{(\w+),\n(.*?)\n\}", re.DOTALL)
 
 
 def readable() -> list[Path]:
-    """Everything that may cite: the package, models, scenarios, documentation."""
+    """Return all files that may contain citations: package, models, scenarios and documentation."""
     found = [ROOT / "README.md", ROOT / "paper.md"]
     for folder, pattern in (
         ("agrobot_mj", "*.py"),
@@ -25,7 +25,7 @@ def readable() -> list[Path]:
 
 
 def citations() -> dict[str, list[str]]:
-    """Key to the files that cite it."""
+    """Return the files that cite a key, by key."""
     found: dict[str, list[str]] = {}
     for path in readable():
         for key in CITED.findall(path.read_text(encoding="utf-8")):

@@ -1,4 +1,4 @@
-"""docs/scenarios.md: its example loads; its tables, those of faults and the gallery are complete."""
+"""docs/scenarios.md: its example is valid, and its tables, the table of faults and the gallery are complete."""
 
 import re
 import tomllib
@@ -19,7 +19,7 @@ TEXT = (DOCS / "scenarios.md").read_text(encoding="utf-8")
 
 
 def section(heading: str) -> str:
-    """The text below a heading, up to the next one."""
+    """Return the text below a heading, up to the next heading."""
     return TEXT.partition(f"## {heading}\n")[2].partition("\n## ")[0]
 
 
@@ -50,7 +50,7 @@ def test_every_run_outcome_is_listed_on_the_page():
 
 @needs_all
 def test_every_kind_of_the_package_is_listed_on_the_page():
-    """Those of the package: other tests register kinds of their own in the same process."""
+    """Kinds that other tests register in the same process are excluded."""
     rows = re.findall(r"^\| `\[\[?([a-z.]+)\]\]?` \| (.+) \|$", TEXT, re.M)
     assert {"plant", "terrain", "estimator"} <= {table for table, _ in rows}
 

@@ -1,4 +1,4 @@
-"""The documentation as a site: pages from the code are complete, and the build finds no fault and needs no network."""
+"""Documentation site: reference pages are complete, and the build needs no network and reports no errors."""
 
 import os
 import re
@@ -21,7 +21,7 @@ DOCS = ROOT / "docs"
 
 
 def keys_below(owner, above):
-    """Names of all keys that hold a value, in any table."""
+    """Return the names of all keys that have a value, in any table."""
     found = set()
     for name, field in owner.model_fields.items():
         parts = members(field.annotation)
@@ -79,7 +79,7 @@ def test_the_public_python_names_are_in_the_reference():
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """The site, built as `make docs` does."""
+    """Return the folder of the site, built as by `make docs`."""
     pytest.importorskip("mkdocs", reason="needs the builder of the documentation; `make docs` installs it")
     folder = tmp_path_factory.mktemp("site")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]), "NO_MKDOCS_2_WARNING": "1"}

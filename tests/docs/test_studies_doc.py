@@ -1,4 +1,4 @@
-"""docs/studies.md is true: its sweep runs, resumes, splits and merges, its table is read."""
+"""docs/studies.md: its sweep runs, resumes, splits and merges, and its table can be read."""
 
 import contextlib
 import io
@@ -27,9 +27,9 @@ SHORT = SWEEP.replace("[set] ", "[set]\nduration_s = 3 ")
 
 @pytest.fixture(scope="module", params=["short", pytest.param("whole", marks=pytest.mark.slow)])
 def folder(request, tmp_path_factory):
-    """A folder in which all commands of the page have been run, in their order, in this process where they may be.
+    """Return a folder in which all commands of the page were run in order, in this process if possible.
 
-    In short, runs of the sweep end after 3 s.
+    In the short version, runs of the sweep end after 3 s.
     """
     folder, whole = tmp_path_factory.mktemp("studies"), request.param == "whole"
     (folder / "mine.toml").write_text(SWEEP if whole else SHORT, encoding="utf-8")

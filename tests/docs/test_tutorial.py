@@ -1,4 +1,4 @@
-"""docs/tutorial.md is true: a stranger walks it, command by command, in shorter runs; in full with `-m slow`."""
+"""docs/tutorial.md: all commands run in order, in shorter simulations or, with `-m slow`, in full length."""
 
 import json
 import os
@@ -36,7 +36,7 @@ def in_a_process_of_its_own(arguments):
 
 
 def linked(arguments):
-    """Output of the link while the page's host drives it, on free ports and as fast as the host answers."""
+    """Return the output of the link with the page's host, on free ports and as fast as the host replies."""
     own, other = free_ports()
     (host,) = (shlex.split(line) for line in LINES if line.startswith("python examples"))
     words = [sys.executable, str(ROOT / host[1]), *host[2:], f"--port={other}", f"--board-port={own}", "--duration=120"]
@@ -51,7 +51,7 @@ def linked(arguments):
 
 @pytest.fixture(scope="module", params=["short", pytest.param("full", marks=pytest.mark.slow)])
 def walk(request, tmp_path_factory):
-    """The folder in which all commands were executed in their order, what they said, and whether in full."""
+    """Return the folder in which all commands were executed in order, their outputs, and whether in full length."""
     pytest.importorskip("plotly", reason="needs the extra report")
     folder, full = tmp_path_factory.mktemp("walk"), request.param == "full"
     durations = FULL_S if full else SHORT_S
@@ -72,7 +72,7 @@ def walk(request, tmp_path_factory):
 
 
 def executed(arguments, durations):
-    """Output of a command of the page; `view`, which needs a display, says which file it would open."""
+    """Return the output of a command of the page. For `view`, which needs a display, return the size of the file."""
     match arguments[0]:
         case "view":
             return f"{Path(arguments[1]).stat().st_size} bytes"

@@ -1,6 +1,6 @@
-"""The documentation stays short: words that its users have to read, apart from what scripts write.
+"""Word limits of the documentation, without text written by scripts.
 
-Not counted: the changelog, and paper.md, which is written for readers of a journal and has a bound of its own.
+The changelog is not counted. paper.md is written for journal readers and has a separate limit.
 """
 
 import re
@@ -12,30 +12,30 @@ PAGES = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")),
     *sorted((ROOT / "docs").rglob("*.md")),
 ]
-WRITTEN = re.compile(r"This page is written by `|`agrobot-mj validate`\s+runs\s+them,\s+writes\s+this\s+page")
+WRITTEN = re.compile(r"This page is written by `|`agrobot-mj validate`\s+runs\s+all\s+manoeuvres,\s+writes\s+this")
 """Notice on a page that a script writes the complete page."""
 READING_PATH = (
     *("README.md", "docs/tutorial.md", "docs/cookbook.md", "docs/scenarios.md", "docs/machines.md", "docs/guidance.md"),
     *("docs/studies.md", "docs/recordings.md", "docs/extending.md", "docs/findings.md"),
     *("docs/extensions/links/link.md", "docs/extensions/logs/replay.md"),
 )
-"""Pages that a user reads in order, or as far as the extensions are there."""
+"""Pages that a user reads in order, if their extensions are present."""
 PATH_BOUND = 14_500  # Words of these pages, tables, generated blocks and code included
 BLOCK = re.compile(r"^<!-- (.+?) -->\n.*?^<!-- end of \1 -->$", re.MULTILINE | re.DOTALL)
 
 
 def all_words(text: str) -> int:
-    """Number of words; rules of tables and other signs are none."""
+    """Return the number of words, without table rules and other symbols."""
     return sum(any(map(str.isalnum, word)) for word in text.split())
 
 
 def words(text: str) -> int:
-    """Number of words outside the blocks that scripts write."""
+    """Return the number of words outside the blocks that scripts write."""
     return all_words(BLOCK.sub("", text))
 
 
 def to_read() -> dict[str, int]:
-    """Number of words by page, without pages that are completely written by a script."""
+    """Return the number of words by page, without pages that are completely written by a script."""
     texts = {page.name: page.read_text(encoding="utf-8") for page in PAGES}
     return {name: words(text) for name, text in texts.items() if not WRITTEN.search(text)}
 
@@ -53,7 +53,7 @@ def test_pages_stay_within_their_word_limits():
 
 
 def test_recommended_reading_path_is_within_its_word_limit():
-    """Tables count, too: long ones belong to docs/reference."""
+    """Tables are also counted; long tables belong in docs/reference."""
     texts = {name: (ROOT / name).read_text(encoding="utf-8") for name in READING_PATH if (ROOT / name).exists()}
     assert set(READING_PATH) - set(texts) <= {name for name in READING_PATH if "extensions" in name}
     found = {name: all_words(text) for name, text in texts.items()}

@@ -27,7 +27,7 @@ def close(ours, reference):
 @pytest.mark.parametrize("filterpy", [filterpy_kf, filterpy_ekf])
 @pytest.mark.parametrize(("n", "m"), [(3, 2), (4, 4), (6, 2), (10, 7), (11, 1)])
 def test_one_hundred_filter_steps_equal_filterpy(n, m, filterpy):
-    """The filter is an extended one with a nonlinear model; a third of the measurements are missing."""
+    """The model is nonlinear, and a third of the measurements are missing."""
     rng = np.random.default_rng(n)
     H, R, Q = rng.standard_normal((m, n)), covariance(rng, m), covariance(rng, n)
     F = np.eye(n) + 0.1 * rng.standard_normal((n, n)) / n
@@ -44,7 +44,7 @@ def test_one_hundred_filter_steps_equal_filterpy(n, m, filterpy):
 
 @pytest.fixture
 def ticks(monkeypatch):
-    """Record the arguments of every filter tick and compare its result with filterpy's."""
+    """Record the arguments of every filter tick, and compare its result with that of filterpy."""
     recorded = []
 
     def compared(*arguments):
@@ -83,7 +83,7 @@ def test_pose_filters_equal_filterpy(ticks, ours):
 
 
 def test_compiled_and_uncompiled_filter_equations_agree():
-    """Bit-identical to the same Python code without compilation, and close to the numpy results."""
+    """Results are bit-identical to the uncompiled Python code, and close to NumPy results."""
     rng = np.random.default_rng(3)
     P, F, H, R = covariance(rng, 5), rng.standard_normal((5, 5)), rng.standard_normal((2, 5)), covariance(rng, 2)
     x, y = rng.standard_normal(5), rng.standard_normal(2)

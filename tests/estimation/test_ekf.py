@@ -51,7 +51,7 @@ def drive(
     quality=lambda t: Quality.FIX,
     sigma=0.02,
 ):
-    """Run the estimator on exact kinematics at R (circular arcs) with white sensor noise; return the steps."""
+    """Run the estimator on circular arcs of R with white sensor noise. Return the steps."""
     rng, pose = stream(seed, "test"), np.array([5.0, -3.0, yaw])
     state, steps = estimator.init(*pose[:2], yaw + yaw_error, TRACTOR), []
     for k in range(round(duration / DT)):
@@ -125,7 +125,7 @@ def test_uncertainty_grows_without_fixes_and_decreases_with_them():
 
 
 def test_dead_reckoning_continues_the_estimate_during_a_fix_gap():
-    """During ten seconds (12 m) the speed and yaw errors at the start of the gap accumulate."""
+    """For ten seconds (12 m), the position error grows due to the speed and yaw errors at the start of the gap."""
     steps = drive(Ekf(), 30, quality=lambda t: Quality.NONE if 20 < t <= 30 else Quality.FIX)
     last = steps[-1]
     assert np.linalg.norm(last.error[:2]) < 4 * sqrt(np.trace(last.estimate.covariance[:2, :2]))

@@ -51,7 +51,7 @@ def test_innovation_statistic_is_reported_only_with_a_fix(kind):
         assert np.isnan(estimate.nis) == (k in lost)
 
 
-def test_rotated_velocity_keeps_magnitude_and_covariance():
+def test_rotated_velocity_keeps_magnitude_and_covariance_eigenvalues():
     mean, P = np.array([1.0, 1.2, 2.0, 0.5]), np.diag([0.01, 0.02, 0.03, 0.05])
     after, Q = turned(mean, P, 0.3)
     assert after[[0, 2]] == pytest.approx([1.0, 2.0])
@@ -120,7 +120,7 @@ def test_position_errors_on_level_ground_match_the_covariance():
 @pytest.mark.parametrize("bias_deg", [2.0, -2.0])
 @pytest.mark.parametrize("side", [1, -1])
 def test_yaw_rate_in_a_bend_uses_the_bias_corrected_steering_angle(side, bias_deg):
-    """The yaw rate follows the wheels, not the biased sensor; bends in both directions check the signs."""
+    """The yaw rate follows the wheels, not the biased sensor. Bends in both directions check the signs."""
     estimator, radius = EkfBias(yaw_rate_source="kinematic"), 10.0
     state = estimator.init(0.0, 0.0, 0.0, TRACTOR)
     for measurement in measurements(1200, side * radius):

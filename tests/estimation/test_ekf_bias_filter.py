@@ -62,7 +62,7 @@ def observable_states(steer, sideslip):
 
 @pytest.mark.parametrize("steer", [lambda k: 0.0, steering], ids=["straight", "figure eight"])
 def test_steering_bias_and_the_sum_of_yaw_and_sideslip_are_observable(steer):
-    """On any path only the sum of yaw and sideslip moves R."""
+    """On any path, the motion of R depends only on the sum of yaw and sideslip."""
     assert observable_states(steer, sideslip=False) == 4
     assert observable_states(steer, sideslip=True) == 4
 

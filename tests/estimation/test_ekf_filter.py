@@ -36,7 +36,7 @@ def test_jacobian_equals_finite_differences(yaw, speed):
 
 
 def test_state_transition_is_one_euler_step_of_the_kinematic_model():
-    """The error relative to the exact solution decreases with the square of the step."""
+    """The error relative to the exact solution is proportional to the square of the step."""
     start, speed, steer = np.array([1.0, 2.0, 0.7]), 1.2, 0.4
 
     def error(dt):

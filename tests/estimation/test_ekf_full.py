@@ -1,4 +1,4 @@
-"""`ekf_full` on recorded drives of the MuJoCo tractor: accuracy, delayed fixes, losses, alignment, gates."""
+"""`ekf_full` on recorded runs of the MuJoCo tractor: accuracy, delayed fixes, losses, alignment, gates."""
 
 from math import cos, degrees, isfinite, nan, radians, sin
 
@@ -36,7 +36,7 @@ DT, TRACTOR = 0.05, TractorParameters()
 
 @pytest.fixture(scope="module")
 def drive():
-    """Return 48 s of a figure-eight on level ground with magic-formula tyres."""
+    """Return a run of 48 s of a figure-eight on level ground with magic-formula tyres."""
     return record("figure_eight", {}, 48.0)
 
 
@@ -149,7 +149,7 @@ def test_figure_eight_gives_accurate_position_and_heading(drive):
 
 
 def test_course_and_heading_are_both_accurate_on_a_side_slope():
-    """With roll from the IMU on 10 deg, where the crab angle exceeds one degree."""
+    """The estimator uses the roll of the IMU. On 10 deg, the crab angle exceeds one degree."""
     slope = record("straight_line", SLOPE, 40.0)
     trace = follow(slope, {**FULL, **TILT}, 1)
     crab = degrees(np.mean((trace.course - trace.heading)[400:]))
@@ -169,7 +169,7 @@ def test_gnss_latency_increases_the_error_by_less_than_2_cm(drive):
 
 
 def test_delayed_fix_updates_the_state_of_its_own_time():
-    """With a varying delay in ticks, the core is bit-identical to that with immediate fixes."""
+    """For a varying delay in ticks, the filter state is bit-identical to that with immediate fixes."""
     estimator, prompt = EkfFull(), simulated(EkfFull(), 20.0)
     fixes = [None, *(m for m in _measurements(20.0))]
     state = estimator.init(0.0, 0.0, 0.3, TRACTOR)
@@ -294,7 +294,7 @@ def test_filter_restarts_and_accepts_a_permanent_position_shift():
 
 
 def test_wrong_heading_estimate_restarts_the_alignment():
-    """The vehicle is turned by hand, which gyro and wheels do not measure."""
+    """The vehicle is rotated by hand, which gyro and wheels do not measure."""
     found = _measurements(40.0)
     estimator = EkfFull()
     state, c, s = estimator.init(0.0, 0.0, 0.3, TRACTOR), cos(2.0), sin(2.0)
@@ -318,7 +318,7 @@ def test_fixes_of_an_oscillating_antenna_are_not_rejected():
 
 
 def test_speed_of_spinning_wheels_is_ignored():
-    """The tractor stops within two seconds from 10 s on, while the wheels continue turning at 1.2 m/s."""
+    """From 10 s on, the tractor stops within two seconds, while the wheels continue turning at 1.2 m/s."""
 
     def stuck(t, m):
         return m._replace(wheel_speed=1.25) if t > 10.0 else m
@@ -343,7 +343,7 @@ def test_abrupt_stop_of_the_gnss_position_is_rejected():
 
 
 def test_fixes_that_contradict_the_velocity_stay_rejected_on_restart():
-    """The position is constant but the velocity correct: every two seconds the filter restarts and moves away again."""
+    """The position is constant, but the velocity correct. Every two seconds, the filter restarts and moves away."""
 
     def held(t, m):
         return m._replace(fix=m.fix._replace(x=8.0, y=6.0)) if t > 10.0 else m
@@ -353,7 +353,7 @@ def test_fixes_that_contradict_the_velocity_stay_rejected_on_restart():
     assert steps[-1][1].fix_age > 10.0
 
 
-def test_fixes_are_accepted_within_a_limited_time_after_a_restart():
+def test_fixes_are_accepted_again_soon_after_a_restart():
     ages = [e.fix_age for _, e, _ in simulated(EkfFull(), 16.0, changed=shifted(10.0))]
     patience = EkfFull().gate_patience_s
     assert max(ages) == pytest.approx(2 * patience, abs=0.11)

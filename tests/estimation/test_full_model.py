@@ -65,7 +65,7 @@ STATES = [
 
 
 def derivative(function, state, h=1e-6):
-    """Return the derivative of a function of the state by central differences, values along the first axis."""
+    """Return the derivative of a function of the state by central differences, with values along the first axis."""
     return np.transpose([(function(state + h * e) - function(state - h * e)) / (2 * h) for e in np.eye(N)])
 
 
@@ -92,13 +92,13 @@ def motion(state, **measured):
 
 
 def of_fix(state, first, fix=FIX):
-    """Return innovations and Jacobian of the two rows of a fix from `first` on."""
+    """Return innovations and Jacobian of two rows of a fix, starting with row `first`."""
     rows = fix_rows(state, np.eye(N), fix, NOISE, SIDE)
     return rows.innovation[first : first + 2], rows.jacobian[first : first + 2]
 
 
 def of_tilted_fix(state, forward, left):
-    """Return the position rows of an antenna fix, moved to R by a lever arm that turns with the heading."""
+    """Return the position rows of an antenna fix, moved to R by a lever arm that rotates with the heading."""
     c, s = cos(state[PSI]), sin(state[PSI])
     east, north = c * forward - s * left, s * forward + c * left
     return of_fix(state, 0, FIX._replace(x=FIX.x - east, y=FIX.y - north, lever_east=east, lever_north=north))
@@ -153,7 +153,7 @@ def test_heading_row_of_the_jacobian_matches_finite_differences():
 
 
 def test_predicted_position_after_a_full_circle_equals_its_start():
-    """With the midpoint rule and no slip, R returns to within 1 mm after 100 ticks on a circle of 5 m."""
+    """The midpoint rule without slip returns R to within 1 mm after 100 ticks on a circle of 5 m."""
     omega = 2 * np.pi / (100 * DT)
     mean = np.zeros(N)
     mean[V], mean[OMEGA] = 5.0 * omega, omega
@@ -197,7 +197,7 @@ def test_steady_state_gain_solves_the_riccati_equation():
 
 
 def test_filter_on_a_straight_with_known_yaw_is_linear():
-    """Course, biases and scale are known; a textbook filter of x, v, y and correlated errors is the reference."""
+    """Course, biases and scale are known. The reference is a textbook filter of x, v, y and correlated errors."""
     levels = LEVELS._replace(walks=(0.01, 0.01, 0.0, 0.1, *[0.0] * 7))
     filter_ = filter_of(levels)
     mean, sigmas = np.zeros(N), np.zeros(N)
@@ -229,7 +229,7 @@ def test_filter_on_a_straight_with_known_yaw_is_linear():
 
 @pytest.mark.parametrize("w", [0.8, -0.5])
 def test_initial_yaw_search_weights_velocities_by_wheel_speed(w):
-    """The argument of the sum of w V exp(-i chi) is the yaw error, forward and in reverse."""
+    """The argument of the sum of w V exp(-i chi) is the yaw error in forward and reverse motion."""
     mean, yaw, off = np.zeros(N), 0.4, 0.9
     mean[PSI] = yaw
     core, found = Core(mean, np.diag(np.full(N, 1e-4))), []
@@ -283,7 +283,7 @@ def test_sideslip_offset_in_turns_is_a_random_walk_over_distance():
 
 
 def test_only_a_changing_sideslip_adds_course_uncertainty():
-    """Along a contour line the sideslip becomes steady within a minute and no longer widens the lateral position."""
+    """Along a contour line, the sideslip is steady within a minute and no longer increases the lateral uncertainty."""
     filter_, side, v = filter_of(LEVELS), 0.25, 1.7
     mean = np.zeros(N)
     mean[[V, C]] = v, 0.013
@@ -302,7 +302,7 @@ def test_only_a_changing_sideslip_adds_course_uncertainty():
 
 @pytest.mark.parametrize(("v", "bend"), [(2.5, 0.08), (2.5, -0.08), (-2.0, 0.1)])
 def test_antenna_offset_includes_the_roll_angle_in_a_bend(v, bend):
-    """The antenna, 3 m above the ground, moves to the right in a left bend, forward and in reverse."""
+    """At a height of 3 m, the antenna moves to the right in a left bend, forward and in reverse."""
     h, per_force, yaw = 3.0, radians(0.3), 0.7
     filter_ = filter_of(LEVELS._replace(roll=per_force), h)
     mean = np.zeros(N)

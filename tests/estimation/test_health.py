@@ -1,4 +1,4 @@
-"""Diagnostics of the estimators: consistent uncertainty with default noise, age of the fix, smoothed NIS."""
+"""Diagnostics of the estimators: consistent uncertainty with default noise, latency of the fix, smoothed NIS."""
 
 from math import nan
 
@@ -40,7 +40,7 @@ def test_ekf_underestimates_its_uncertainty_for_correlated_errors(drive):
 
 @pytest.mark.parametrize("spec", every(Estimator))
 def test_estimator_reports_fix_age_sigma_and_innovation_statistic(drive, spec):
-    """Fixes end after six seconds: age and sigma grow, the smoothed NIS is constant."""
+    """Fixes end after six seconds. Then the latency of the fix and sigma grow, and the smoothed NIS is constant."""
     estimator, sensors, first = spec(), drive.scenario.sensors, drive.truths[0]
     state = estimator.init(first.rear_x, first.rear_y, first.yaw, TractorParameters())
     sensing, estimates = sensors.init(1), []

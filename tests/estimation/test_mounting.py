@@ -16,13 +16,13 @@ FULL = {"kind": "ekf_full"}
 
 
 def followed(scenario, mounting_deg, **keys):
-    """Return the trace of `ekf_full` in a drive of 25 s with two antennas."""
+    """Return the trace of `ekf_full` in a run of 25 s with two antennas."""
     over = {**TWO, **keys, "estimator": FULL, "sensors.gnss.dual_antenna.mounting_deg": mounting_deg, "seed": 61}
     return follow(record(scenario, over, 25.0), FULL, 612, nominal)
 
 
 def straight(crab, v=1.5, bend=0.0, seconds=6.0):
-    """Return the core after fixes whose course differs from their heading by `crab` [rad]."""
+    """Return the filter state after fixes whose course differs from their heading by `crab` [rad]."""
     mean = np.zeros(N + 2)
     mean[V], mean[PSI] = v, 0.3
     core = Core(mean, np.diag(np.full(N + 2, 1e-4)), search=FOUND, smooth=Smooth(bend=bend))
@@ -42,7 +42,7 @@ def test_antenna_mounting_error_is_estimated_on_level_ground(mounting_deg):
 
 
 def test_crab_angle_on_a_side_slope_is_estimated_as_sideslip():
-    """On 10 deg without an IMU the crab angle is 1.4 deg; as a mounting error it would become a heading error."""
+    """On 10 deg without an IMU, the crab angle is 1.4 deg; as a mounting error it would cause a heading error."""
     trace = followed("side_slope", 0.0, **SLOPE)
     assert degrees(abs(np.mean(trace.heading[trace.t > 15.0]))) < 0.35
 

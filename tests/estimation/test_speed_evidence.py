@@ -19,7 +19,7 @@ COURSE = 0.4
 
 
 def aligned(v=1.0):
-    """Return filter and core of a tractor that drives at a speed [m/s]."""
+    """Return filter and aligned filter state of a tractor at a speed [m/s]."""
     state = EkfFull().init(0.0, 0.0, COURSE, TractorParameters())
     core = state.horizon.core
     mean, P = core.mean.copy(), core.covariance.copy()
@@ -30,7 +30,7 @@ def aligned(v=1.0):
 
 
 def stepped(filter_, core, wheel, speed, ticks):
-    """Return the core after ticks with constant measurements; `speed` [m/s] is that of the fixes along the course."""
+    """Return the filter state after ticks with constant measurements, and fixes at `speed` [m/s] along the course."""
     for k in range(ticks):
         t = core.seen.t + TICK_S if k else 1.0
         place = core.mean[0] + speed * TICK_S * cos(COURSE), core.mean[1] + speed * TICK_S * sin(COURSE)
@@ -40,7 +40,7 @@ def stepped(filter_, core, wheel, speed, ticks):
 
 
 def test_wheel_speed_with_the_wrong_sign_is_ignored():
-    """The magnitudes 0.7 and 0.6 m/s agree, but the signed speeds along the course do not."""
+    """The magnitudes 0.7 and 0.6 m/s agree, but the signs along the course do not."""
     filter_, core = aligned(0.7)
     after = stepped(filter_, core, wheel=-0.6, speed=0.7, ticks=200)
     assert after.mean[K] == pytest.approx(0.0, abs=0.05)
@@ -49,7 +49,7 @@ def test_wheel_speed_with_the_wrong_sign_is_ignored():
 
 @pytest.mark.parametrize(("wheel", "limit"), [(0.6, -SCALE_LIMIT), (1.45, SCALE_LIMIT)])
 def test_wheel_speed_scale_estimate_is_limited(wheel, limit):
-    """Wheels that differ from the fixes by 0.4 m/s pass the gate; the scale stops at its limit."""
+    """A difference of 0.4 m/s between wheels and fixes passes the gate, and the scale reaches its limit."""
     filter_, core = aligned(1.0)
     core = core._replace(covariance=core.covariance + np.diag(np.eye(len(core.mean))[K]))
     after = stepped(filter_, core, wheel, 1.0, 400)
@@ -59,7 +59,7 @@ def test_wheel_speed_scale_estimate_is_limited(wheel, limit):
 
 
 def test_agreeing_wheel_speed_and_fixes_overrule_the_speed_estimate():
-    """A scale without a limit would become -3 to fit the wheels, and the speed would not change."""
+    """Without a limit, the scale would become -3 to fit the wheel speed, and the speed would not change."""
     filter_, core = aligned(-0.5)
     core = core._replace(covariance=core.covariance + np.diag(4.0 * np.eye(len(core.mean))[K]))
     after = stepped(filter_, core, wheel=1.15, speed=1.05, ticks=20)

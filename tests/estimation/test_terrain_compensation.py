@@ -33,7 +33,7 @@ def test_antenna_offset_equals_the_rotated_lever_arm(arm, attitude):
 
 
 def test_antenna_offsets_have_the_correct_signs():
-    """With the left side up the antenna moves to the right, with the nose down forward."""
+    """With the left side up, the antenna moves to the right; with the nose down, it moves forward."""
     assert offset((0, 0, 2), 0.1, 0.0, 0.0) == pytest.approx((0.0, -2 * sin(0.1)))
     assert offset((0, 0, 2), 0.0, 0.1, 0.0) == pytest.approx((2 * sin(0.1), 0.0))
     assert offset((0, 0, 2), 0.1, 0.0, pi / 2) == pytest.approx((2 * sin(0.1), 0.0))

@@ -14,7 +14,7 @@ MEANS = [np.array([1.0, -2.0, yaw, v, rate]) for yaw in (0.3, -2.0) for v in (1.
 
 
 def derivative(function, mean, h=1e-6):
-    """Return the derivative by central differences, values along the first axis."""
+    """Return the derivative by central differences, with values along the first axis."""
     return np.transpose([(function(mean + h * e) - function(mean - h * e)) / (2 * h) for e in np.eye(5)])
 
 

@@ -1,4 +1,4 @@
-"""Conditions that a script of faults causes at each tick."""
+"""Conditions at each tick due to a list of faults."""
 
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.faults import Script

@@ -1,4 +1,4 @@
-"""Faults of the inertial unit, a receiver that is led away with its velocity, and the rate of a receiver."""
+"""Faults of the inertial unit, spoofing of position and velocity, and the rate of a receiver."""
 
 import numpy as np
 import pytest
@@ -26,12 +26,12 @@ def columns(fault, *names, **more):
 
 
 STILL = {"estimator.terrain_compensation": False}
-"""The same motion with and without a fault of the unit, which the estimator then does not use."""
+"""Keys with which a fault of the inertial unit does not change the motion, because the estimator ignores the unit."""
 
 
 @pytest.fixture(scope="module")
 def sound():
-    """Time, roll and pitch without a fault."""
+    """Return time, roll and pitch without a fault."""
     return dict(zip(("t", "roll", "pitch"), columns(None, "t", "imu_roll", "imu_pitch", **STILL), strict=True))
 
 

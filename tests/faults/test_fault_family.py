@@ -1,4 +1,4 @@
-"""What holds for every fault: its window, its randomness, its overlaps, and the way it is written in a file."""
+"""Requirements on every fault: time window, randomness, overlaps, and definition in a file."""
 
 from operator import attrgetter
 from pathlib import Path
@@ -21,7 +21,7 @@ SENSED = [kind for kind in KINDS if not members(Fault)[kind].machine]
 
 
 def faults(*tables):
-    """The faults of a scenario with these tables."""
+    """Return the faults of a scenario with the given fault tables."""
     return resolve({"fault": list(tables)}, "test").fault
 
 
@@ -79,7 +79,7 @@ def test_scenario_hash_depends_on_the_faults():
 
 
 def test_fault_windows_are_independent_of_clock_rounding():
-    """0.05 s times 3 is a little more than 0.15, and the sum of eight a little less than 0.4."""
+    """In floating point, 0.05 s times 3 is above 0.15, and the sum of eight ticks is below 0.4."""
     (fault,) = faults({"kind": "gnss_loss", "start_s": 0.15, "end_s": 0.4})
     for clock in (0.05 * np.arange(10), 25 * 0.002 * np.arange(10), np.cumsum([0.0] + 9 * [0.05])):
         assert [fault.active(t) for t in clock] == [3 <= k < 8 for k in range(10)]
@@ -99,7 +99,7 @@ def test_log_contains_the_number_of_active_faults():
 
 @pytest.fixture(scope="module")
 def drive():
-    """What a good day's run really did, to be sensed again."""
+    """Return the true states of a run without faults, as input of the sensors."""
     loop, truths = Loop(load_scenario("circle", {"plant.kind": "bicycle"})), []
     for _ in range(80):
         truths.append(loop.truth)
@@ -231,7 +231,7 @@ def test_bicycle_model_accepts_only_sensor_and_valve_faults(kind):
 
 @pytest.fixture
 def call(call):
-    """(exit status, stdout, stderr) of running a file with this text, for 2 s on the bicycle."""
+    """Return a function that runs a scenario text for 2 s on the bicycle: exit status, stdout and stderr."""
 
     def start(text, *sets, out="out"):
         Path("mine.toml").write_text(text)
@@ -251,8 +251,8 @@ BAD = [
     ('[fault]\nkind = "gnss_loss"\n', (), ("fault: must be a list of tables; write [[fault]]",)),
     ("fault = 3\n", (), ("fault: must be a list, got 3",)),
     (LOSS, ("fault.9.x=1",), ("--set fault.9.x: the scenario has 1 tables [[fault]], and 0 is the first",)),
-    (LOSS, ("fault.x=1",), ("--set fault.x: fault is a list; write fault.0.key=value",)),
-    (LOSS, ("fault.x.y=1",), ("--set fault.x.y: fault is a list; write fault.0.key=value",)),
+    (LOSS, ("fault.x=1",), ("--set fault.x: fault is a list; specify fault.0.key=value",)),
+    (LOSS, ("fault.x.y=1",), ("--set fault.x.y: fault is a list; specify fault.0.key=value",)),
     ("", ("fault.0.end_s=1",), ("--set fault.0.end_s: the scenario has 0 tables [[fault]]",)),
     (LOSS, ("fault.0.end_s=0.2",), ("fault[0].end_s: must be above start_s (0.5), got 0.2",)),
     (LOSS, ("fault.0.kind=friction",), ("fault[0].kind: 'friction' acts on a part that the bicycle",)),

@@ -1,4 +1,4 @@
-"""RTK float, flicker and latency: the statistics of the errors, and the order of the solutions."""
+"""RTK float, flicker and latency: statistics of the errors, and order of the solutions."""
 
 from itertools import pairwise
 from math import sqrt
@@ -27,7 +27,7 @@ def days(fault, ticks, seed=1):
 
 
 def delivered(gnss, conditions, seed=1):
-    """Fix and quality of each tick."""
+    """Return fix and quality of each tick."""
     state, found = gnss.init(seed), []
     for k, day in enumerate(conditions):
         state, (fix, quality) = gnss.measure(state, truth(k * TICK_S), day, TICK_S)
@@ -137,7 +137,7 @@ def test_position_error_without_corrections_is_a_gauss_markov_process():
 
 
 def test_receiver_with_frozen_position_may_report_current_velocity():
-    """Position frozen and of quality 2, velocity alive: what one part of a receiver says another one need not."""
+    """The position is frozen with quality 2, while the velocity is current."""
     day = days(GnssFrozen(quality="dgps", keep="live_velocity"), 1)[0]
     told = delivered(PERFECT, [NOMINAL] + 20 * [day])
     assert {(fix.x, quality) for fix, quality in told[1:]} == {(0.0, Quality.DGPS)}

@@ -1,4 +1,4 @@
-"""Five seconds without GNSS in a turn, through the whole stack on the MuJoCo tractor."""
+"""GNSS loss of five seconds in a turn of the MuJoCo tractor, with all control components."""
 
 from math import hypot
 
@@ -12,7 +12,7 @@ from agrobot_mj.machine.hydraulics import LITRE_PER_MINUTE
 LOST, FOUND = 500, 600  # First tick without and first tick with a solution again
 LOSS = {"kind": "gnss_loss", "start_s": LOST * TICK_S, "end_s": FOUND * TICK_S}
 CIRCLE = {"duration_s": 40.0, "fault": [LOSS], "gains": "paper"}
-"""With the tuned gains the noise of the derivative moves the reference faster than the valve at times."""
+"""Scenario keys with the paper's gains: with tuned gains, noise sometimes moves the reference faster than the valve."""
 
 
 @pytest.fixture(scope="module", params=["pd", "pd_t2fnn"])
@@ -22,12 +22,12 @@ def log(request):
 
 @pytest.fixture(scope="module")
 def gentle():
-    """The same with a reference that changes no faster than the valve can follow."""
+    """Return the run with a steering reference that changes no faster than the valve."""
     return run(load_scenario("circle", {**CIRCLE, "steering.loop.reference_rate_deg_s": valve_rate()}))
 
 
 def valve_rate():
-    """Fastest change of the steering angle [deg/s]."""
+    """Return the maximum steering rate [deg/s]."""
     steering = load_scenario("circle").steering
     return float(np.degrees(steering.valve.pump_flow_l_min * LITRE_PER_MINUTE / steering.cylinder.displacement))
 
@@ -75,7 +75,7 @@ def test_position_error_grows_during_a_gnss_loss_and_decreases_afterwards(log):
 
 
 def test_ekf_is_overconfident_during_the_gnss_loss(log):
-    """Its speed is held in east and north, not along the turn, and its covariance knows nothing of that."""
+    """The filter holds the velocity in east and north in spite of the turn, and its covariance ignores this error."""
     nees = log.column("position_nees")
     assert nees[LOST - 200 : LOST].mean() < 15
     assert nees[FOUND - 1] > 20

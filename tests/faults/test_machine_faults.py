@@ -1,4 +1,4 @@
-"""Faults of the machine as specs: what they ask of the plant, how they overlap, and what is refused before a run."""
+"""Machine faults: effects on the plant, overlaps, and faults rejected before a run."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def days(*faults, seconds=10.0, seed=1):
 
 
 def correlation_time(x):
-    """Time over which the autocorrelation falls to 37 % [s], from its first lag."""
+    """Return the time in which the autocorrelation falls to 37 % [s], computed from its first lag."""
     y = x - x.mean()
     return -TICK_S / np.log((y[1:] @ y[:-1]) / (y @ y))
 

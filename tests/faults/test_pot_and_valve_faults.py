@@ -1,4 +1,4 @@
-"""Faults of the steering potentiometer and of the valve, alone and through the loop."""
+"""Faults of the steering potentiometer and of the valve, individually and in the closed loop."""
 
 from math import degrees, radians
 
@@ -32,8 +32,8 @@ def test_ramped_fault_grows_linearly_to_its_full_size(t, share):
     assert (worn.valve_gain, worn.valve_dead_band) == pytest.approx((1 - 0.4 * share, 0.8 * share))
 
 
-def test_steering_sensor_bias_turns_the_wheels_to_the_opposite_side():
-    """The loop controls the measured angle, so the wheels deviate by the bias."""
+def test_steering_sensor_bias_steers_the_wheels_in_the_opposite_direction():
+    """The loop controls the measured angle, so the wheel angle is wrong by the bias."""
     steer = {"controller": {"kind": "open_loop", "steer_deg": 10.0, "at_s": 0.0}, "seconds": 30.0}
     log = driven({"kind": "steering_pot_bias", "bias_deg": 3.0, "start_s": 5}, **steer)
     t = log.column("t")
@@ -58,7 +58,7 @@ def test_potentiometer_stuck_from_the_start_repeats_its_first_value():
     assert 0 < abs(measured[0]) < radians(1.0)
 
 
-def test_potentiometer_that_becomes_stuck_keeps_its_present_bias():
+def test_potentiometer_that_becomes_stuck_keeps_its_current_bias():
     bias = {"kind": "steering_pot_bias", "bias_deg": 5.0, "start_s": 2}
     free, stuck = driven(bias, seconds=4.0), driven(bias, {"kind": "steering_pot_stuck", "start_s": 1}, seconds=4.0)
     assert stuck.column("steer_measured")[-1] == free.column("steer_measured")[19]

@@ -1,4 +1,4 @@
-"""Pedal and hydrostat: rate, limits, lag."""
+"""Pedal and hydrostat: rate, limits and lag."""
 
 from math import exp
 
@@ -12,7 +12,7 @@ DT = 0.002
 
 
 def respond(voltages, driveline=Driveline(), dt=DT):
-    """(pedal, speed) after each step, shape (n, 2)."""
+    """Return pedal and speed after each step, shape (n, 2)."""
     law, memory = drive_law(driveline, dt)
     return np.array([(drive_step(law, memory, v), memory.pedal[0])[::-1] for v in voltages])
 

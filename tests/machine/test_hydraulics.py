@@ -1,4 +1,4 @@
-"""The steering valve and cylinder: dead band, gains, saturation, delay, lag, and the numbers that follow."""
+"""Steering valve and cylinder: dead band, gains, saturation, delay, lag, and derived quantities."""
 
 from math import degrees, exp, pi
 
@@ -23,7 +23,7 @@ DT, TRACTOR = 0.002, TractorParameters()
 
 
 def flow_at(voltage, **changes):
-    """Steady flow [l/min] after two seconds at a voltage."""
+    """Return the flow after two seconds at a voltage [l/min]."""
     law, memory = valve_law(Valve(**changes), DT)
     for _ in range(1000):
         flow = valve_step(law, memory, voltage)
@@ -31,7 +31,7 @@ def flow_at(voltage, **changes):
 
 
 def spool_response(valve, voltages, dt=DT):
-    """Spool voltage after each step."""
+    """Return the spool voltage after each step."""
     law, memory = valve_law(valve, dt)
     return np.array([(valve_step(law, memory, v), memory.spool[0])[1] for v in voltages])
 
@@ -157,7 +157,7 @@ def test_deflections_up_to_half_of_the_backlash_have_no_effect(deflection, left)
     ("voltage", "flow"), [(8.0, 1.3 * 1.6), (4.0, -1.3 * 1.4), (12.0, 6.0), (0.0, -6.0), (6.6, 0.0)]
 )
 def test_worn_valve_has_less_flow_and_a_wider_dead_band(voltage, flow):
-    """Half of 3.2 and 2.8 l/(min V) beyond 0.4 + 0.3 V, at most half of 12 l/min."""
+    """Gains are half of 3.2 and 2.8 l/(min V) beyond a dead band of 0.7 V, and the maximum is half of 12 l/min."""
     law, _ = valve_law(Valve(), DT)
     found = static_flow(worn_valve(law, 0.5, 0.3), voltage) / LITRE_PER_MINUTE
     assert found == pytest.approx(flow)

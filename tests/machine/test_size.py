@@ -1,4 +1,4 @@
-"""What follows from the size of a machine where it is not given, and what is told where it does not fit."""
+"""Default values derived from the size of a machine, and hints for values that do not fit the size."""
 
 from math import sqrt
 from operator import attrgetter
@@ -21,7 +21,7 @@ G = 9.81
 
 
 def test_default_tyres_of_a_light_tractor_have_the_minimum_pressure():
-    """0.6 bar in k = 0.00028 p sqrt((1.03 - 0.004 a) b d) + 3.45 [kgf/mm], with p in kPa, a in %, b and d in mm."""
+    """0.6 bar in k = 0.00028 p sqrt((1.03 - 0.004 a) b d) + 3.45 [kgf/mm], with p in kPa, a in %, and b and d in mm."""
     for wheel, b, d in ((COMPACT.front_wheel, 160, 560), (COMPACT.rear_wheel, 240, 840)):
         assert wheel.stiffness == pytest.approx(9806.65 * (0.00028 * 60 * sqrt((1.03 - 0.3) * b * d) + 3.45))
         assert wheel.damping == pytest.approx(2 * 0.15 * sqrt(wheel.stiffness * wheel.load / G))
@@ -82,13 +82,13 @@ def test_loads_of_tractor_and_implement_wheels_add_up_to_the_weight(implement):
 
 
 def test_rear_implement_reduces_the_front_axle_load():
-    """150 kg, 0.5 m behind a hitch that is 0.55 m behind the axle, on a wheelbase of 1.4 m."""
+    """The implement has 150 kg, 0.5 m behind a hitch 0.55 m behind the axle, and the wheelbase is 1.4 m."""
     front, _ = wheel_loads(COMPACT, Mounted(mass_kg=150.0, cg_behind_m=0.5).hitched(COMPACT))
     assert front == pytest.approx(COMPACT.front_wheel.load - 150 * G * 1.05 / 1.4 / 2)
 
 
 def test_mass_and_wheelbase_define_a_tractor_of_the_same_shape():
-    """Twice the length and eight times the mass: by similarity inertias go with the fifth power of the length."""
+    """At twice the length and eight times the mass, inertias scale with the fifth power of the length."""
     large = TractorParameters(mass_kg=6000.0, wheelbase_m=2.8)
     inertias = (large.roll_inertia_kg_m2, large.pitch_inertia_kg_m2, large.yaw_inertia_kg_m2)
     assert inertias == pytest.approx((32 * 120, 32 * 340, 32 * 400))
@@ -155,13 +155,13 @@ def test_every_key_listed_as_size_dependent_exists():
 
 
 def swaths(**given):
-    """A field on a tractor with these keys, dotted with two underscores."""
+    """Return the swaths path of a tractor with the given keys, in which two underscores stand for a dot."""
     keys = {key.replace("__", "."): value for key, value in given.items()}
     return load_scenario("straight_line", {"path.kind": "swaths", **keys}).path
 
 
 def test_default_headland_turn_radius_scales_with_the_turning_circle():
-    """L / tan(limit): 1.4 / tan(30 deg) is sqrt(3) times that at 45 deg; more than 45 deg leaves the steering room."""
+    """L / tan(30 deg) is sqrt(3) times the value at 45 deg. Above 45 deg, the radius remains constant."""
     assert swaths(tractor__steer_limit_deg=30.0).turn_radius_m == pytest.approx(3.0 * sqrt(3.0))
     assert swaths(tractor__steer_limit_deg=55.0).turn_radius_m == 3.0
     assert swaths(tractor__steer_limit_deg=30.0, path__turn_radius_m=3.2).turn_radius_m == 3.2

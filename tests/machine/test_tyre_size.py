@@ -1,4 +1,4 @@
-"""Tyres by size code and pressure: dimensions, printed loaded radii, and what follows for the machine."""
+"""Tyres defined by size code and pressure: dimensions, published loaded radii, and effects on the machine."""
 
 from math import sqrt
 
@@ -81,7 +81,7 @@ def test_overridden_tyre_size_is_unchanged_by_writing_and_reading(tmp_path):
     ],
 )
 def test_loaded_radii_agree_with_data_sheets_within_1_5_percent(code, kg, bar, printed_m):
-    """The loads of the first four are those usual at this pressure; the last is printed with load and pressure."""
+    """Loads of the first four tyres are typical of this pressure; load and pressure of the last are published."""
     size = tyre_size(code)
     assert size.diameter / 2 - GRAVITY * kg / size.stiffness(bar) == pytest.approx(printed_m, rel=0.015)
 

@@ -1,4 +1,4 @@
-"""Parts of the cross-track error, their causes, and estimates that contradict their covariance."""
+"""Components of the cross-track error, their causes, and estimates inconsistent with their covariance."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -22,7 +22,7 @@ ANTENNA_M, CG_M, ARM_M = 2.7, 0.8, 0.9
 
 
 class LoggedRun:
-    """A straight drive to the north with a perfect estimate, changed by the columns given."""
+    """Straight run to the north with a perfect estimate, except for the given columns."""
 
     def __init__(
         self, path: Any = None, compensated: bool = False, latency_s: float = 0.0, fault: Any = (), **columns: Any
@@ -49,7 +49,7 @@ class LoggedRun:
 
 
 def leaning(roll: float, **more: Any) -> LoggedRun:
-    """A drive along a side slope: the filter takes the antenna for R, and the true CG leans as well."""
+    """Return a run along a side slope. The filter ignores the antenna tilt, and the true CG is tilted as well."""
     antenna, cg = ANTENNA_M * np.sin(roll), CG_M * np.sin(roll)  # to the east, on the right
     return LoggedRun(roll=roll, x=cg, gnss_x=antenna, x_hat=antenna, rear_x_hat=antenna, **more)
 
@@ -107,7 +107,7 @@ def test_main_cause_of_the_cross_track_error_is_identified_from_the_log(cause: s
 
 @pytest.mark.parametrize("own_s", [0.3, 0.2, 0.0])
 def test_gnss_latency_is_the_cause_of_only_the_longitudinal_error(own_s: float) -> None:
-    """The latency is the receiver's own, a fault's from 6 s to 13 s, or the sum of both."""
+    """The latency is that of the receiver, of a fault from 6 s to 13 s, or the sum of both."""
     t, fault = np.arange(0.0, 20.0, 0.05), GnssLatency(start_s=6.0, end_s=13.0, latency_s=0.3)
     late_s = own_s + np.where((t > 5.99) & (t < 12.99), 0.3, 0.0)
     late = 1.5 * np.maximum(t - late_s, 0.0)
@@ -139,7 +139,7 @@ IMU = {"sensors.imu.enabled": True, "estimator.terrain_compensation": True}
 
 @pytest.fixture(scope="module")
 def on_slope() -> Any:
-    """A run along a side slope with the estimator of the paper."""
+    """Return a run along a side slope with the estimator of the paper."""
     return run(load_scenario("side_slope_10", SLOPE))
 
 
@@ -196,7 +196,7 @@ def test_estimated_antenna_mounting_error_is_reported(mounting: float) -> None:
 
 
 def test_antennas_that_rotate_during_a_run_are_reported_with_angle() -> None:
-    """The estimator takes a part of 7 deg for sideslip; only the sum is observable on level ground."""
+    """The estimator attributes a part of 7 deg to sideslip; only the sum is observable on level ground."""
     fault = [{"kind": "heading_bias", "bias_deg": 7.0, "start_s": 6.0}]
     m = run(load_scenario("straight_line", {**DUAL, "fault": fault})).metrics
     angle = float(m["estimate_warning"].partition("antennas point ")[2].partition(" deg")[0])
@@ -236,7 +236,7 @@ def test_latency_fault_is_reported_as_cause_with_an_effective_remedy() -> None:
 
 
 def test_remedy_is_suggested_only_if_estimator_errors_dominate() -> None:
-    """With the law `kinematic` the guidance part is larger, and the remedy for a loss of fixes is no help."""
+    """With the law `kinematic`, guidance errors dominate, so the remedy for a loss of fixes is not suggested."""
     found = [
         run(load_scenario("straight_line", {**LOST, "guidance.kind": law})).metrics for law in ("kinematic", "lqr")
     ]

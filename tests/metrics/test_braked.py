@@ -1,4 +1,4 @@
-"""How far a tractor moves under its brake."""
+"""Distance that a tractor moves under its brake."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ ROWS, STOPPED = 400, round(STOPPED_S / TICK_S)
 
 
 class Parked:
-    """A log with a brake that is applied from row to row, and places."""
+    """Log with the brake state and the position in each row."""
 
     def __init__(self, brake, x):
         self.columns = {"brake": brake, "x": x, "y": np.zeros(ROWS), "t": TICK_S * np.arange(ROWS)}

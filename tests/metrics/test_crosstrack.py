@@ -1,4 +1,4 @@
-"""Cross-track error on paths of varying speed, beside neighbouring swaths and near crossings."""
+"""Cross-track error on paths with varying speed, next to neighbouring swaths, and near crossings."""
 
 from functools import cache
 from math import hypot
@@ -42,7 +42,7 @@ def points_ahead(path: Any, ahead: Any) -> tuple[Any, Any]:
 
 
 def points_beside(path: Any, ahead: Any, left: Any) -> tuple[Any, Any, Any]:
-    """Ticks, and points at signed distance `left` from the path, `ahead` metres along it from the reference."""
+    """Return ticks and points at a signed distance `left` from the path, `ahead` metres beyond the reference."""
     t, r = points_ahead(path, ahead)
     return t, r[:, 0] - left * np.sin(r[:, 4]), r[:, 1] + left * np.cos(r[:, 4])
 
@@ -65,7 +65,7 @@ def test_path_time_is_that_of_the_nearest_reference_point(path: Any) -> None:
 
 @pytest.mark.parametrize("lag", [0.0, 3.0])
 def test_nearest_point_does_not_jump_to_the_neighbouring_swath(lag: float) -> None:
-    """The tractor is nearly one swath off and closer to the neighbouring line, but its own line is used."""
+    """The tractor is closer to the neighbouring line, but the error refers to its own line."""
     path = Swaths(length_m=40, swath_m=1.0, turn_radius_m=2.5)
     for start, end in path.passes_s:
         t = np.arange(start + 2, end - 0.05, 0.05)

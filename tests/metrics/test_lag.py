@@ -1,4 +1,4 @@
-"""Behind its reference or slower than it: told at the end of a run, with how much."""
+"""Lag behind the reference or speed deficit, reported at the end of a run."""
 
 from types import SimpleNamespace
 
@@ -9,7 +9,7 @@ from agrobot_mj.metrics.lag import lag_of
 
 
 def log(speed, reference, seconds=40.0, behind=None):
-    """A run along a line at these speeds [m/s]."""
+    """Return a run along a line at given speeds of tractor and reference [m/s]."""
     t = np.arange(0.0, seconds, 0.05)
     columns = {
         "t": t,

@@ -1,4 +1,4 @@
-"""Metrics against hand-computed cases and against geometry."""
+"""Metrics compared with hand-computed cases and with geometry."""
 
 import json
 from types import SimpleNamespace
@@ -30,19 +30,19 @@ class FakeLog:
 
 
 def points_beside(path: Any, t: Any, ahead: Any, left: Any) -> tuple[Any, Any]:
-    """Points at signed distance `left` from the path, `ahead` metres along it from its reference at `t`."""
+    """Return points at a signed distance `left` from the path, `ahead` metres beyond the reference at time `t`."""
     r = np.array([path.at(s) for s in (t + np.asarray(ahead) / path.speed_m_s)])
     return r[:, 0] - left * np.sin(r[:, 4]), r[:, 1] + left * np.cos(r[:, 4])
 
 
 def four_ticks(**columns: Any) -> FakeLog:
-    """Two turns of one second each, two moments in each."""
+    """Return a log of two laps of a circle of one second each, with two samples per lap."""
     circle = Circle(radius_m=1 / (2 * np.pi), speed_m_s=1, turns=2, ramp_s=0)
     return FakeLog(circle, often([0.0, 1.0, 1.5, 2.0]), **{name: often(values) for name, values in columns.items()})
 
 
 def often(values: Any) -> Any:
-    """Each value as often as a statistic needs it."""
+    """Return values repeated to the minimum number of samples for a statistic."""
     return np.repeat(values, LEAST) if np.ndim(values) else values
 
 
@@ -113,7 +113,7 @@ RICH = {
 
 @pytest.fixture(scope="module")
 def rich_log() -> Any:
-    """A run to which most metrics apply."""
+    """Return a run in which most metrics are defined."""
     return run(load_scenario("figure_eight", RICH))
 
 

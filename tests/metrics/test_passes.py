@@ -1,4 +1,4 @@
-"""Accuracy from pass to pass against tracks that are made up."""
+"""Pass-to-pass accuracy for artificial tracks."""
 
 import json
 from typing import Any
@@ -21,9 +21,9 @@ FIELDS = [
 
 
 def judged(path: Any, offset: Any, share: float = 1.0) -> dict[str, Any]:
-    """The numbers of a tractor that is `offset(number, right, north)` to the left of the first pass's direction.
+    """Return the metrics of a tractor that is `offset(number, along)` [m] to the left of the first pass's direction.
 
-    `number` counts the passes; `east` is the way along the first pass; `share` of the run takes place.
+    `number` counts the passes. `along` is the distance along the first pass [m]. `share` is the simulated fraction.
     """
     t = np.arange(0, share * path.duration_s, 0.05)
     r = np.array([path.at(s) for s in t.tolist()])
@@ -71,7 +71,7 @@ def test_passes_that_are_too_far_apart_have_a_positive_mean_error() -> None:
 
 
 def test_neighbouring_passes_are_compared_at_equal_distances() -> None:
-    """An equal bend of every pass is no pass-to-pass error, although the passes alternate in direction."""
+    """An equal bend of all passes is not a pass-to-pass error, although the passes alternate in direction."""
     found = judged(Swaths(**SMALL), lambda k, a: 0.004 * a)
     assert found["pass_to_pass_p95_m"] == pytest.approx(0, abs=1e-4)
     assert found["pass_xte_abs_p95_m"] > 0.15
@@ -83,7 +83,7 @@ def test_run_in_section_is_excluded_from_pass_to_pass_metrics() -> None:
 
 
 def test_pass_to_pass_p95_uses_error_magnitudes_at_equal_distances() -> None:
-    """Every pass but the first is off on 2 of the 30 m that it shares with its neighbours."""
+    """The second pass is off on 2 of the 30 m next to the first pass."""
     path = Swaths(**SMALL, count=2)
     found = judged(path, lambda k, a: -0.3 if k == 1 and 24 <= a <= 26 else 0.0)
     assert found["pass_to_pass_p95_m"] == pytest.approx(0.3)

@@ -1,4 +1,4 @@
-"""Progress: the share of the path that was driven, by tractors that are put where they drive."""
+"""Progress metric, the completed fraction of the path, for given tractor positions."""
 
 from types import SimpleNamespace
 
@@ -32,12 +32,12 @@ def ticks(path, duration=None):
 
 
 def places(path, times):
-    """Where the reference is at these times, shape (n, 2) [m]."""
+    """Return the reference positions at given times, shape (n, 2) [m]."""
     return np.array([path.at(t)[:2] for t in np.asarray(times).tolist()])
 
 
 def view(path, place, duration=None):
-    """The run of a tractor that is at `place` (n, 2) in each tick."""
+    """Return the run of a tractor with the positions `place` (n, 2) at the ticks."""
     t = ticks(path, duration)[: len(place)]
     columns = {"t": t, "x": place[:, 0], "y": place[:, 1]}
     return RunView(

@@ -1,4 +1,4 @@
-"""What a fault led to: time to the stop, distance from the path, speed over command."""
+"""Consequences of a fault: time to the stop, distance from the path, and overspeed."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from agrobot_mj.paths import Line
 
 
 class Made:
-    """A log of 400 ticks along a line eastwards at 1.2 m/s, with a fault from tick 100 and a stop from tick 200."""
+    """Log of 400 ticks along a line to the east at 1.2 m/s, with a fault from tick 100 and a stop from tick 200."""
 
     def __init__(self, **changed):
         n = 400

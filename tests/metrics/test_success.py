@@ -1,4 +1,4 @@
-"""The rule on failed runs: what a success is, which numbers are errors, how failures are told."""
+"""Definition of successful runs, metrics that are errors, and reported failures."""
 
 from math import inf, nan
 
@@ -13,7 +13,7 @@ NO_ERRORS = {
     "level_sideslip", "estimate_warning", "braked_drift_m",
     "antenna_mounting",
 }  # fmt: skip
-"""Metrics that say something of failed runs, too."""
+"""Metrics that are also defined for failed runs."""
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The way onto a path: time and overshoot of tracks with known ones."""
+"""Acquisition of a path: time and overshoot of artificial tracks."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ T = np.arange(0.0, 20.0, 0.05)
 
 
 def found(offset, left, t=T):
-    """The metric of a tractor that starts `offset` [m] to the left of a line and is `left` of it at the times `t`."""
+    """Return the metric for an initial offset of `offset` [m] to the left of a line and offsets `left` at times `t`."""
     line = Line(start_offset_m=offset, ramp_s=0)
     return Acquisition().evaluate(RunView(FakeLog(line, t, x=line.speed_m_s * t, y=left))).get("acquisition")
 

@@ -1,4 +1,4 @@
-"""The bicycle against the matrix exponential, python-control and its own limits."""
+"""Bicycle plant compared with the matrix exponential, python-control, and limiting cases."""
 
 import control
 import numpy as np
@@ -28,7 +28,7 @@ LAW = BicycleLaw(
 
 
 def matrices(law, u):
-    """A and B written independently from the equations of motion with the tyre forces put in."""
+    """Return A and B, derived independently from the equations of motion with the tyre forces inserted."""
     C_f, C_r, l_f, l_r, s = law.C_f, law.C_r, law.l_f, law.l_r, abs(u)
     force_v = -(C_f + C_r) / s
     force_g = -(C_f * l_f - C_r * l_r) / s
@@ -46,7 +46,7 @@ def run(law, u, delta, seconds, dt=0.002, state=(0.0, 0.0, 0.0, 0.0, 0.0)):
 
 
 def exact(law, u, delta, seconds):
-    """(x, y, yaw, v, gamma) by matrix exponential and adaptive quadrature."""
+    """Return x, y, yaw, v and gamma by the matrix exponential and adaptive quadrature."""
     A, B = matrices(law, u)
     big = np.zeros((4, 4))
     big[:2, :2], big[:2, 3], big[2, 1] = A, B * delta, 1.0
@@ -88,7 +88,7 @@ def test_steady_state_yaw_gain_equals_that_of_the_python_control_library(u):
 
 @pytest.mark.parametrize("u", [-0.06, -1.0, -4.0])
 def test_understeering_tractor_turns_tighter_in_reverse(u):
-    """The tyre forces that hold the circle are those of u gamma; the slip angles add to the steering: L - K u^2."""
+    """In reverse, the slip angles increase the effect of the steering, so that L is replaced by L - K u^2."""
     C_f, C_r, l_f, l_r, m, L = LAW.C_f, LAW.C_r, LAW.l_f, LAW.l_r, LAW.m, LAW.l_f + LAW.l_r
     understeer = m * (l_r * C_r - l_f * C_f) / (L * C_f * C_r)
     assert understeer > 0
@@ -99,7 +99,7 @@ def test_understeering_tractor_turns_tighter_in_reverse(u):
 
 @pytest.mark.parametrize("u", [0.5, 3.0])
 def test_driving_in_reverse_equals_driving_forward_with_swapped_axles(u):
-    """Seen by an observer who faces backwards: the steered axle is behind and turns the other way."""
+    """For an observer facing backwards, the steered axle is behind and turns in the opposite direction."""
     swapped = LAW._replace(l_f=LAW.l_r, l_r=LAW.l_f, C_f=LAW.C_r, C_r=LAW.C_f)
     back, turned = lateral_dynamics(LAW, -u), lateral_dynamics(swapped, u)
     assert pytest.approx((turned.A11, turned.A22)) == (back.A11, back.A22)
@@ -145,7 +145,7 @@ def test_bicycle_respects_its_steering_limit_and_detects_leaving_terrain():
 
 
 def driven(voltages, seconds, machine=Machine(), start=Reference(4.0, -3.0, 0, 0, 0.8, 0)):
-    """A bicycle and its truths, from rest, under constant voltages."""
+    """Return a bicycle and its true states from rest with constant voltages."""
     plant = BicyclePlant(SPEC, machine, Flat(half_size_m=200).ground())
     plant.reset(start)
     return plant, [plant.advance(Drive(*voltages)) for _ in range(round(seconds / 0.05))]
@@ -153,7 +153,7 @@ def driven(voltages, seconds, machine=Machine(), start=Reference(4.0, -3.0, 0, 0
 
 @pytest.mark.parametrize("pedal_v", [8.0, 4.0])
 def test_antenna_position_is_the_integral_of_its_velocity(pedal_v):
-    """In a bend the antenna above the rear axle is slower and heads elsewhere than the CG."""
+    """In a bend, the antenna above the rear axle is slower than the CG and moves in another direction."""
     _, truths = driven((7.5, pedal_v), 6.0)
     before, now, after = truths[-3:]
     rate = (np.array(after.antenna) - np.array(before.antenna)) / 0.1
@@ -183,7 +183,7 @@ def test_truth_values_equal_the_bicycle_state():
 
 @pytest.mark.parametrize("volts", [8.5, 3.5])
 def test_steered_wheels_follow_ackermann_geometry(volts):
-    """All axles' lines meet at the turning centre: cot(outer) - cot(inner) = track / wheelbase."""
+    """All wheel axes meet at the turning centre: cot(outer) - cot(inner) = track / wheelbase."""
     _, truths = driven((volts, NEUTRAL_V), 1.5)
     left, right = truths[-1].knuckle_samples[:, -1]
     assert abs(left) > 0.2

@@ -1,4 +1,4 @@
-"""The drawn body fits the machine at any size, weighs nothing, and MuJoCo's viewer and a recording draw the same."""
+"""Displayed body: it fits machines of any size, has no mass, and is the same in MuJoCo's viewer and in a recording."""
 
 from math import cos, pi, sin
 
@@ -23,7 +23,7 @@ SPARE_M = 0.002
 
 @st.composite
 def machines(draw):
-    """Machines from a small mower to the largest tractor, with wheels that do not intersect each other."""
+    """Return a machine between a small mower and the largest tractor, whose wheels do not intersect."""
     L = draw(st.floats(1.2, 3.5))
     T = draw(st.floats(0.45, 0.9)) * L
     rear = draw(st.floats(0.17, 0.40)) * L
@@ -41,7 +41,7 @@ def machines(draw):
 
 
 def tyre_points(t, front, angle):
-    """Points on a left tyre's surface at rest and steered by `angle`, chassis frame, shape (n, 3) [m]."""
+    """Return points on the surface of a left tyre steered by `angle`, in the chassis frame, shape (n, 3) [m]."""
     end = "front" if front else "rear"
     r, w = getattr(t, f"{end}_wheel_radius_m"), getattr(t, f"{end}_wheel_width_m")
     turns = np.linspace(0, 2 * pi, 48, endpoint=False)
@@ -53,7 +53,7 @@ def tyre_points(t, front, angle):
 
 
 def inside(part, points):
-    """Which of the points (n, 3) lie in a part, by more than rounding."""
+    """Return which of the points (n, 3) are inside a part by more than a rounding error."""
     if part.ends:
         a, b = np.array(part.ends[:3]), np.array(part.ends[3:])
         along = np.clip((points - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
@@ -70,7 +70,7 @@ def inside(part, points):
 
 
 def extremes(part):
-    """Lowest and highest corner of the box around a part, each shape (3,)."""
+    """Return the lowest and the highest corner of the bounding box of a part, shape (3,) each."""
     if part.ends:
         ends = np.array(part.ends).reshape(2, 3)
         return ends.min(axis=0) - part.size[0], ends.max(axis=0) + part.size[0]

@@ -1,4 +1,4 @@
-"""The brake holds what the hydrostat does not, and what keeps a tractor from resting is named."""
+"""Brake: holding without creep, vibration of light machines, and messages about tractors that do not settle."""
 
 from math import asin, degrees
 
@@ -26,7 +26,7 @@ TORQUE = 640.0
 
 
 def parked(grade_deg, dt=0.002, **driveline):
-    """A plant, nose up, and where it started."""
+    """Return a plant parked uphill, and its initial state."""
     machine = Machine(driveline=Driveline(**{"connected": False, "brake_torque_n_m": TORQUE, **driveline}))
     ground = Slope(grade_deg=grade_deg, direction_deg=0.0).ground()
     plant = MujocoPlant(Mujoco(tyre=Linear()), machine, ground, Clock.of(dt))
@@ -60,7 +60,7 @@ def test_fast_physics_setting_uses_shorter_steps_for_light_wheels(machine, step_
 
 
 def test_light_tractor_stays_at_rest_with_the_fast_physics_setting(capsys):
-    """With steps of 5 ms its wheels vibrate: 1 mm in 5 s, without coming to rest within a minute."""
+    """With steps of 5 ms, the wheels would vibrate, and the tractor would move 1 mm in 5 s."""
     sim = Simulation(load_scenario("straight_line", {**RIDING, "duration_s": 10.0}))
     sim.reset()
     assert capsys.readouterr().err == ""
@@ -182,7 +182,7 @@ PAUSED = {
     "duration_s": 48.0,
     "expected_outcome": "unfinished",
 }
-"""Stands still from 7 s on, until the end of the run."""
+"""Scenario with standstill from 7 s until the end of the run."""
 
 
 OBSERVING = pytest.param("eso", marks=pytest.mark.skipif("eso" not in families()["guidance"], reason="removed"))

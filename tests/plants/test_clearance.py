@@ -1,4 +1,4 @@
-"""Contacts are left out only where there are none: hood and roll bar touch as they would in any case."""
+"""Contacts are skipped only where no contact is possible; results of rollovers do not change."""
 
 import mujoco
 import numpy as np
@@ -22,9 +22,9 @@ def plant_on(terrain, tyre=Linear()):
 
 
 def rolling_over(terrain, careful):
-    """Positions after each tick of a tractor thrown onto its side, ticks with a contact, and ticks begun as clear.
+    """Return positions per tick of a tractor thrown onto its side, ticks with contact, and ticks starting clear.
 
-    All steps use MuJoCo's solver: a tractor known to be clear would be moved in closed form, to other last digits.
+    All steps use MuJoCo's solver, because the closed form for a clear tractor gives other last digits.
     """
     plant, places, touched, clear = plant_on(terrain), [], 0, 0
     coupling = plant.views.coupling._replace(rows=np.empty(0, dtype=np.int64))
@@ -52,7 +52,7 @@ def test_skipping_contacts_of_a_clear_chassis_does_not_change_a_rollover(terrain
 
 @pytest.mark.parametrize("terrain", GROUNDS, ids=lambda one: one.kind)
 def test_tractor_classified_as_clear_of_the_ground_has_no_body_contacts(terrain):
-    """At random attitudes about the height at which the first part touches."""
+    """Attitudes are random, at heights near the first contact of a part."""
     plant, rng, found = plant_on(terrain), np.random.default_rng(4), []
     for _ in range(3000):
         turn = np.array([1.0, *rng.normal(0.0, 0.12, 2), rng.normal()])

@@ -1,4 +1,4 @@
-"""Parts of the physics step alone: relief valves, power limit, loads on a leaning chassis, pressure, masses."""
+"""Parts of the physics step: relief valves, power limit, loads on a tilted chassis, pressure, and masses."""
 
 from math import cos, hypot, radians, sin
 
@@ -25,7 +25,7 @@ TRACTOR, STRONG = TractorParameters(), Cylinder(relief_pressure_bar=100.0)
 
 
 def placed(yaw=0.0, pitch=0.0, roll=0.0, **machine):
-    """A tractor in mid-air at this attitude [rad], at rest, that has made no step."""
+    """Return a tractor at rest in mid-air with the given attitude [rad], before the first step."""
     plant = MujocoPlant(Mujoco(tyre=Linear(), settle_s=0.0), Machine(**machine), Flat().ground())
     plant.reset(ORIGIN)
     turns = [((0, 0, 1), yaw), ((0, 1, 0), pitch), ((1, 0, 0), roll)]
@@ -46,7 +46,7 @@ def placed(yaw=0.0, pitch=0.0, roll=0.0, **machine):
 @pytest.mark.parametrize("rate", [0.0, 0.3])
 @pytest.mark.parametrize("side", [1, -1])
 def test_oil_column_deflection_is_limited_by_the_relief_pressure(side, rate):
-    """Torque of the column: stiffness times what its end lies beyond the wheels, less the damping of their rate."""
+    """The torque is the stiffness times the deflection from the wheels, minus the damping times the wheel rate."""
     plant = placed()
     v, oil = plant.views, plant.oil
     v.qpos[v.steer_q], v.qvel[v.steer_v] = 0.1, rate
@@ -71,7 +71,7 @@ def test_oil_column_deflection_is_limited_at_the_steering_stops(side):
 @pytest.mark.parametrize("play_deg", [0.0, 3.0])
 @pytest.mark.parametrize("side", [1, -1])
 def test_cylinder_at_its_stop_responds_immediately_when_steered_back(side, play_deg):
-    """No wind-up: after ten seconds of full flow into the stop, the first flow back moves the column."""
+    """After ten seconds of full flow into the stop, the first reverse flow moves the oil column, without wind-up."""
     plant = placed(cylinder=STRONG, linkage=Linkage(backlash_deg=play_deg))
     v, oil, dt = plant.views, plant.oil, 0.002
     v.qpos[v.steer_q] = side * TRACTOR.steer_limit
@@ -98,7 +98,7 @@ def test_cylinder_at_its_stop_responds_immediately_when_steered_back(side, play_
 
 @pytest.mark.parametrize(("cylinder", "column"), [(0.10, 0.10), (0.12, 0.10), (0.15, 0.12), (0.05, 0.08)])
 def test_cylinder_exerts_no_torque_on_the_wheels_inside_the_backlash(cylinder, column):
-    """Wheels at 0.10 rad, 0.03 rad of play to either side: what is left of the deflection stretches the oil."""
+    """Wheels are at 0.10 rad with a play of 0.03 rad to each side. A deflection beyond the play stretches the oil."""
     plant = placed(cylinder=STRONG, linkage=Linkage(backlash_deg=2 * np.degrees(0.03)))
     v = plant.views
     v.qpos[v.steer_q], plant.cylinder[0] = 0.10, cylinder
@@ -107,7 +107,7 @@ def test_cylinder_exerts_no_torque_on_the_wheels_inside_the_backlash(cylinder, c
 
 
 def driving(speed, stretch):
-    """Torque of the hydrostat after its relief valves, with its column `stretch` [rad] ahead of the wheels."""
+    """Return the torque of the hydrostat after its relief valves, for an oil column stretched by `stretch` [rad]."""
     plant = placed()
     v, oil = plant.views, plant.oil
     v.qvel[v.spins_v] = speed
@@ -143,7 +143,7 @@ HELD = Linkage(friction_n_m=2e4)  # Kingpins that no steering cylinder moves
 
 
 def pushed_against_held_wheels(valve, seconds=2.0, volts=12.0, back_s=0.0):
-    """Flow [l/min] and pressure [bar] in the end, `back_s` after the valve was thrown to the other side."""
+    """Return the final flow [l/min] and pressure [bar], `back_s` after reversal of the valve."""
     machine = Machine(valve=valve, cylinder=STRONG, linkage=HELD)
     plant = MujocoPlant(Mujoco(tyre=Linear()), machine, Flat().ground())
     plant.reset(ORIGIN)
@@ -164,21 +164,21 @@ def test_blocked_steered_wheels_raise_the_pressure_to_relief_pressure(volts, sid
 
 
 def test_oil_column_torque_reverses_soon_after_a_long_pressure_relief():
-    """The relief valve has let the oil off: from 100 bar to none it is 0.09 rad, 0.4 s with the valve's lag."""
+    """The relief valve limits the oil column to 100 bar, or 0.09 rad, which takes 0.4 s including the valve's lag."""
     assert pushed_against_held_wheels(Valve(), back_s=0.6)[1] < 0.0
 
 
 def test_uncompensated_valve_stalls_at_its_supply_pressure():
-    """Its pressure stays below that of the relief valve, and its flow ends."""
+    """The pressure stays below that of the relief valve, and the flow ends."""
     flow, pressure = pushed_against_held_wheels(Valve(supply_pressure_bar=60.0))
     assert pressure == pytest.approx(60.0, rel=0.01)
     assert flow == pytest.approx(0.0, abs=0.5)
 
 
 def test_bristles_of_each_tyre_follow_the_velocity_of_its_own_contact():
-    """One step from rest: the bristles move with the wheels' centres, less what the rims turn.
+    """In one step from rest, bristles move with the wheel centres, minus the motion of the rims.
 
-    Rolling of the chassis moves no patch, and its pitching moves a wheel's centre as it turns its rim.
+    Roll of the chassis moves no patch. Pitch moves a wheel centre as much as it rotates its rim.
     """
     plant = MujocoPlant(Mujoco(tyre=Linear(rolling_resistance=0.0)), Machine(), Flat().ground())
     plant.reset(ORIGIN)
@@ -247,7 +247,7 @@ def test_external_side_force_acts_on_the_tractor_but_not_its_implement():
 
 @pytest.mark.parametrize("way", [1, -1])
 def test_implement_pull_opposes_hitch_velocity_in_the_chassis_plane(way):
-    """Against the velocity of the hitch by finite differences, of a chassis that leans, moves and turns every way."""
+    """The hitch velocity is computed by finite differences, for a tilted chassis with general motion."""
     plant, behind, height, pull = placed(0.7, 0.2, -0.3), 0.6, 0.45, 1500.0
     plant.data.qvel[:6] = way * np.array([1.1, 0.8, 0.1, 0.15, -0.1, 0.25])
     mujoco.mj_forward(plant.model, plant.data)
@@ -285,7 +285,7 @@ FULL = np.array([[60.0, -12.0, -25.0], [-12.0, 180.0, 8.0], [-25.0, 8.0, 200.0]]
 
 
 def tensor(model):
-    """Inertia of the chassis about its centre, in its own axes."""
+    """Return the inertia of the chassis about its centre of mass, in chassis axes."""
     R = np.zeros(9)
     mujoco.mju_quat2Mat(R, model.body_iquat[CHASSIS])
     axes = R.reshape(3, 3)
@@ -310,7 +310,7 @@ def test_rotated_principal_inertia_axes_are_preserved_in_the_model():
 
 
 def test_off_centre_payload_rotates_the_principal_inertia_axes():
-    """MuJoCo takes a body's axes for those of its inertia where they were the same when the model was made."""
+    """MuJoCo assumes body axes as principal axes if they coincided when the model was compiled."""
     text = LEANING.replace('fullinertia="60 180 200 -12 -25 8"', 'diaginertia="60 180 200"')
     model = mujoco.MjModel.from_xml_string(text)
     Chassis(model).carry((PointMass(100.0, 1.5, -0.4, 1.1),))
@@ -335,7 +335,7 @@ def test_removal_of_mass_from_the_chassis_reduces_its_inertia():
 
 
 def test_true_attitude_and_velocities_agree_with_finite_differences():
-    """Against finite differences of the sites' places over a short free flight."""
+    """Finite differences are those of the site positions during a short free fall."""
     yaw, pitch, roll = 0.7, 0.2, -0.3
     plant = placed(yaw, pitch, roll)
     plant.data.qvel[:6] = 1.1, -0.4, 0.2, 0.3, -0.2, 0.5

@@ -1,4 +1,4 @@
-"""The coupling of the knuckles is computed in closed form only where it is the only constraint, and as by MuJoCo."""
+"""Closed-form coupling of the knuckles, used only without other constraints, and compared with MuJoCo's solver."""
 
 from math import sin
 
@@ -31,7 +31,7 @@ def without_closed_form(plant):
 
 
 def weave(plant, ticks=100):
-    """Positions after each tick."""
+    """Return the positions after each tick of a weaving drive."""
     places = []
     for k in range(ticks):
         plant.step_through(Drive(NEUTRAL_V + 3.0 * sin(0.1 * k), 8.0))

@@ -1,4 +1,4 @@
-"""Payload, drawbar, side force and soft tyres on the MuJoCo tractor, against statics and the tyres' own curves."""
+"""Payload, drawbar pull, side force and soft tyres on the MuJoCo tractor, compared with statics and tyre curves."""
 
 from math import atan, degrees, radians
 
@@ -31,7 +31,7 @@ SOFT_LEFT = NOMINAL._replace(tyre_stiffness=(1, 1, 0.4, 1), tyre_rolling=(1, 1, 
 
 
 class Under:
-    """A plant under constant conditions, as a `Driver` takes it."""
+    """Plant under constant conditions, with the interface of a `Driver`."""
 
     def __init__(self, conditions=NOMINAL, tyre=None, terrain=Flat(), settled=None, dt=0.002, **driveline):
         self.plant = MujocoPlant(
@@ -103,7 +103,7 @@ def test_payload_on_the_left_loads_left_wheels_and_rolls_the_tractor():
 
 
 def test_cg_and_inertia_with_payload_equal_those_of_both_bodies_combined():
-    """Against a model that MuJoCo itself compiles with a point mass on its chassis."""
+    """The reference is a model with a point mass on the chassis, compiled by MuJoCo."""
     under = Under()
     under.plant.chassis.carry((TANK,))
     found = mujoco.MjData(under.plant.model)
@@ -205,7 +205,7 @@ def test_implement_pull_also_opposes_the_motion_in_reverse():
 @pytest.mark.parametrize("dt", [0.002, 0.005])
 @pytest.mark.parametrize("pull", [1500.0, 1e5])
 def test_parked_tractor_with_implement_does_not_creep(pull, dt):
-    """The tyres take over the load while the soil force relaxes, without vibration."""
+    """The tyres take up the load while the soil force relaxes, without vibration."""
     under = Under(NOMINAL._replace(drawbar=pull), terrain=Slope(grade_deg=10, direction_deg=30), dt=dt)
     early = under.wait(5.0)
     speeds = [under.advance().speed for _ in range(200)]
@@ -242,7 +242,7 @@ def test_drawbar_pull_above_the_grip_stops_the_tractor_and_wheels_spin():
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_hitch_force_in_a_turn_opposes_the_velocity_of_the_hitch(side):
-    """The hitch runs wide of the turn, so that its pull has a part that turns the tractor out of it."""
+    """The hitch moves outside the turning circle, so its pull has a yaw moment against the turn."""
     free, held = (Under(NOMINAL._replace(drawbar=pull)).drive(1.2, 12.0, side * 0.3) for pull in (0.0, 2000.0))
     assert 0 < side * held.mean("yaw_rate", 2.0) < 0.99 * side * free.mean("yaw_rate", 2.0)
 
@@ -293,7 +293,7 @@ def test_roll_angle_on_a_soft_rear_tyre_follows_from_its_stiffness():
 
 
 @pytest.mark.parametrize("left", [True, False])
-def test_soft_tyre_pulls_the_tractor_to_the_side_of_the_tyre(left):
+def test_soft_tyre_pulls_the_tractor_towards_the_soft_side(left):
     conditions = SOFT_LEFT if left else NOMINAL._replace(tyre_stiffness=(1, 1, 1, 0.4), tyre_rolling=(1, 1, 1, 1.6))
     sound, soft = (Under(c).drive(1.2, 12.0)["yaw"][-1] for c in (NOMINAL, conditions))
     assert abs(sound) < radians(0.01)
@@ -321,7 +321,7 @@ def test_soft_tyre_has_less_stiffness_and_more_rolling_resistance():
 
 @pytest.mark.parametrize("tyre", every(Tyre))
 def test_zero_disturbances_leave_the_run_bit_identical(tyre):
-    """This includes disturbances that were removed by a reset."""
+    """Cases include disturbances that were removed by a reset."""
     nothing = NOMINAL._replace(payload=(), drawbar=0.0, side_force=-0.0, tyre_stiffness=(1.0,) * 4, gnss_latency_s=0.1)
     plain, other = Under(NOMINAL, tyre()), Under(nothing, tyre())
     for under in (plain, other):

@@ -1,4 +1,4 @@
-"""Drivelines that engage and release while driving, a motor per wheel, and an engine whose speed falls under load."""
+"""Drivelines that engage and release in motion, motors on each wheel, and an engine with speed droop under load."""
 
 from math import radians, tan
 
@@ -27,7 +27,7 @@ def plant_of(driveline, tyre=None, tractor=None):
 
 
 def turned(driveline, steer_deg, seconds=12.0):
-    """Turning radius of the rear axle divided by L / tan(steering angle), at 0.8 m/s, and the plant."""
+    """Return the turning radius of the rear axle at 0.8 m/s divided by L / tan(steering angle), and the plant."""
     plant = plant_of(driveline)
     driver = Driver(plant, plant.truth(), 0.8, driveline.full_speed_m_s)
     trace = driver.go(seconds, radians(steer_deg))
@@ -125,7 +125,7 @@ def test_axle_motors_and_rear_drive_give_the_same_turning_radius():
 
 
 def test_engine_speed_falls_in_proportion_to_the_power():
-    """Rim speed at a constant pedal: no-load speed times 1 - droop P / P_max."""
+    """At a constant pedal, the rim speed is the no-load speed times 1 - droop P / P_max."""
     plant = plant_of(Driveline(engine_droop=0.1, power_limit_kw=4.0, full_speed_m_s=2.0))
     speeds = []
     for drawbar in (0.0, 600.0, 1200.0):

@@ -1,4 +1,4 @@
-"""Patches of ground below the whole tractor: split friction, MuJoCo's own contact, and where it is put at the start."""
+"""Ground patches below the tractor: split friction, MuJoCo's own contact, and the initial height of the wheels."""
 
 from math import cos, degrees, radians
 
@@ -46,14 +46,14 @@ def hold(plant, drive, seconds, conditions=NOMINAL):
 
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("tyre", GRIPPING, ids=lambda tyre: tyre.kind)
-def test_locked_differential_turns_an_accelerating_tractor_to_the_ice(tyre, side):
+def test_locked_differential_yaws_an_accelerating_tractor_towards_the_ice(tyre, side):
     plant, _ = build(icy(side), tyre, differential_lock=True)
     assert side * hold(plant, AHEAD, 1.2).yaw > radians(0.5)
 
 
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("tyre", GRIPPING, ids=lambda tyre: tyre.kind)
-def test_locked_differential_turns_a_braking_tractor_away_from_the_ice(tyre, side):
+def test_locked_differential_yaws_a_braking_tractor_away_from_the_ice(tyre, side):
     plant, truth = build(icy(side, from_m=6.0), tyre, differential_lock=True)
     driver = Driver(plant, truth, 2.0)
     while driver.truth.x < 8.0:
@@ -87,7 +87,7 @@ def test_contact_friction_of_each_wheel_is_ground_times_fault_friction():
 
 @pytest.mark.parametrize("grip", [1.0, 0.4])
 def test_contact_tyre_slides_on_a_slope_steeper_than_its_friction_angle(grip):
-    """It also reports the used fraction of its friction."""
+    """The tyre also reports the used fraction of its friction."""
     plant, _ = build(Slope(grade_deg=15, direction_deg=0).ground(), Contact(friction=0.6))
     day = NOMINAL._replace(grip=grip)  # 0.24 is less than tan(15 deg) = 0.27
     early, late = hold(plant, REST, 1.0, day), hold(plant, REST, 1.0, day)
@@ -113,7 +113,7 @@ def test_contact_tyre_slides_on_a_slope_steeper_than_its_friction_angle(grip):
 
 
 def placed(ground, start=ORIGIN):
-    """Height of every wheel's lowest point over the ground as placed, before any step [m]."""
+    """Return plant, true state, and height of each wheel's lowest point above the ground before the first step [m]."""
     plant, truth = build(ground, start=start, settle_s=0.0)
     gaps = []
     for wheel, r in zip(("fl", "fr", "rl", "rr"), [0.28, 0.28, 0.42, 0.42], strict=True):
@@ -130,7 +130,7 @@ def plant_height(ground, point):
 
 
 def waves(amplitude):
-    """Bumps of 2 m wavelength across each other."""
+    """Return ground with crossed bumps of 2 m wavelength."""
     nodes = 0.05 * np.arange(-200, 201)
     heights = amplitude * (np.sin(np.pi * nodes[None, :]) + np.cos(np.pi * nodes[:, None] + 0.7))
     return Ground(-10.0, -10.0, 0.05, np.ascontiguousarray(heights))
@@ -138,7 +138,7 @@ def waves(amplitude):
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0, -2.3])
 def test_wheels_start_at_their_static_deflection_on_rough_ground(yaw):
-    """Within millimetres, where the gradient below the CG alone would leave a wheel far above or below the ground."""
+    """The error is a few millimetres, whereas the gradient below the CG alone would give large wheel heights."""
     _, _, gaps = placed(waves(0.06), ORIGIN._replace(x=0.3, y=-0.4, yaw=yaw))
     sunk = np.array([TRACTOR.front_axle_load / 2 / TRACTOR.front_wheel.stiffness] * 2)
     assert gaps[:2] == pytest.approx(-sunk, abs=0.02)

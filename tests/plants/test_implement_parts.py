@@ -1,4 +1,4 @@
-"""Parts of an implement alone: its numbers, its body in the model, the soil's wrench on it, and what it reports."""
+"""Parts of an implement: its parameters, its body in the model, the soil force on it, and its reports."""
 
 from math import degrees, radians
 
@@ -52,7 +52,7 @@ PLOUGH = Mounted(linkage="float", receiver=True, tool_left_m=0.2, antenna_height
 
 
 def placed(implement, yaw=0.7, pitch=0.2, roll=-0.3, terrain=Flat()):
-    """A tractor in mid-air at this attitude [rad], its implement turned at the hitch, moving and turning every way."""
+    """Return a tractor in mid-air with attitude [rad], general motion, and an implement rotated at the hitch."""
     plant = MujocoPlant(Mujoco(settle_s=0.0), Machine(implement=implement), terrain.ground())
     plant.reset(Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     quat = np.array([1.0, 0.0, 0.0, 0.0])
@@ -73,7 +73,7 @@ def placed(implement, yaw=0.7, pitch=0.2, roll=-0.3, terrain=Flat()):
 
 
 def place_of(plant, at, step=0.0):
-    """World place of a point in the implement's frame, after a step of the present motion [s]."""
+    """Return the world position of a point of the implement after moving for `step` [s] at the current velocity."""
     data = mujoco.MjData(plant.model)
     data.qpos[:] = plant.data.qpos
     mujoco.mj_integratePos(plant.model, data.qpos, plant.data.qvel, step)
@@ -87,7 +87,7 @@ def velocity_of(plant, at, step=1e-6):
 
 
 def sink_in(plant, at, depth):
-    """Lower the tractor until a point of its implement is at this depth below the ground there."""
+    """Lower the tractor until a point of its implement is at a given depth below the ground."""
     x, y, z = place_of(plant, at)
     plant.data.qpos[2] += height_and_gradient(plant.ground, x, y)[0] - depth - z
     mujoco.mj_forward(plant.model, plant.data)
@@ -97,7 +97,7 @@ def sink_in(plant, at, depth):
 
 
 def test_inertia_of_a_box_equals_that_of_its_combined_halves():
-    """A box cut in two along any axis has the inertia of the halves about their common centre."""
+    """The box is divided along any axis, and the inertia of both halves refers to their common centre."""
     size, mass = (2.0, 1.2, 0.5), 90.0
     whole = box_inertia(mass, size)
     assert whole[2] == pytest.approx(mass / 12 * (2.0**2 + 1.2**2))
@@ -116,7 +116,7 @@ def test_rear_payload_compresses_tyres_according_to_their_stiffness(at):
     assert sinking(tractor, load, behind, at) == pytest.approx(rear_sinks - at * (front_sinks - rear_sinks) / L)
 
 
-def test_trailer_body_and_wheels_add_up_to_its_mass_and_cg():
+def test_trailer_mass_and_cg_equal_the_sum_of_body_and_wheels():
     body = TRAILER.hitched(TRACTOR)
     axle = body.axle
     assert body.mass + 2 * axle.wheel.mass == pytest.approx(600.0)
@@ -158,7 +158,7 @@ def test_tool_lateral_stiffness_per_degree_is_converted_to_per_radian():
 
 
 def ends(hitched, name):
-    """Smallest and largest coordinates of a shape, shape (2, 3), from the hitch [m]."""
+    """Return the minimum and maximum coordinates of a shape relative to the hitch, shape (2, 3) [m]."""
     (shape,) = (shape for shape in hitched.shapes if shape.name == name)
     return np.array([np.subtract(shape.at, shape.half), np.add(shape.at, shape.half)])
 
@@ -234,7 +234,7 @@ def test_floating_implement_rotates_about_its_virtual_hitch_point():
     assert np.degrees(plant.model.joint("hitch_pitch").range) == pytest.approx([-15.0, 15.0])
 
 
-def test_trailer_tyres_have_their_own_size_and_the_rear_tyre_model():
+def test_trailer_tyres_have_a_separate_size_and_the_rear_tyre_model():
     axle, tyre = TRAILER.hitched(TRACTOR).axle, MagicFormula()
     two, four = implement_tyres(axle, tyre, TRACTOR), tyre_set(tyre, TRACTOR)
     assert two.radius.tolist() == [0.3, 0.3]
@@ -304,7 +304,7 @@ def test_tool_above_the_ground_has_no_force():
 
 @pytest.mark.parametrize("rising", [0.0, -1.0, 20.0])
 def test_depth_wheel_has_normal_force_and_rolling_resistance(rising):
-    """Load of spring and damper by finite differences of the wheel's height above a slope; the ground never pulls."""
+    """The load of spring and damper follows from finite differences of the wheel height; the ground never pulls."""
     plant = placed(
         PLOUGH.model_copy(update={"lowered": False}), 0.4, 0.05, -0.1, Slope(grade_deg=8.0, direction_deg=50.0)
     )
@@ -358,7 +358,7 @@ def test_tool_without_lateral_stiffness_has_no_lateral_force():
 
 
 def test_lateral_force_of_a_tool_scales_with_small_lateral_stiffness():
-    """Lateral force over slip angle after many relaxation lengths, from a ploughshare down to a wire."""
+    """The lateral force is divided by the slip angle, after many relaxation lengths."""
     for stiffness in (150.0, 1e-2, 1e-5):
         law, memory = Tool(depth_m=0.1, cornering_stiffness_n_deg=stiffness).law(), np.zeros(MEMORIES)
         for _ in range(400):
@@ -400,7 +400,7 @@ def test_implement_reports_position_angle_and_hitch_force():
     ],
 )
 def test_depth_wheel_too_stiff_for_its_mass_is_rejected(change, told):
-    """The mass that resists at the wheel, by its acceleration under a force: 2 c dt + k dt^2 < 4 m."""
+    """The effective mass m at the wheel follows from its acceleration under a force: 2 c dt + k dt^2 < 4 m."""
     plant, dt = placed(PLOUGH), 0.002
     model, data = plant.model, mujoco.MjData(plant.model)
     mujoco.mj_forward(model, data)

@@ -1,4 +1,4 @@
-"""Implements at the hitch of the MuJoCo tractor: statics, soil forces, geometry, balance of forces."""
+"""Implements at the hitch of the MuJoCo tractor: statics, soil forces, geometry, and force balance."""
 
 from math import atan2, degrees, radians
 
@@ -111,7 +111,7 @@ def test_draught_equals_the_published_standard(kind, texture):
 
 
 def worked(law, v_x, v_y, seconds=5.0, depth=0.1, dt=0.002):
-    """Force on a tool at the end of a steady motion."""
+    """Return the force on a tool at the end of a steady motion, and its internal state."""
     memory, force = np.zeros(MEMORIES), (0.0, 0.0, 0.0)
     for _ in range(round(seconds / dt)):
         force = soil_on_tool(law, 1.0, v_x, v_y, depth, dt, memory)
@@ -169,7 +169,7 @@ def test_soil_unevenness_has_configured_spread_and_correlation_length():
     assert not np.array_equal(uneven, draught_pattern(Unevenness(0.2, 0.5), 4)[0])
 
 
-def test_off_centre_draught_turns_the_tractor_to_its_side():
+def test_off_centre_draught_yaws_the_tractor_towards_the_tool():
     plant, truth = plant_with(Mounted(tool_left_m=-0.2, tool=STILL))
     yaw_rate = Driver(plant, truth, 1.0).go(8.0, 0.0).mean("yaw_rate", 2.0)
     assert yaw_rate < -0.005
@@ -301,7 +301,7 @@ def test_rollover_of_the_trailer_ends_the_run():
 
 
 def test_drawbar_near_its_stop_ends_the_run_as_jackknifed():
-    """Pushed backwards from a degree and a half, a trailer folds; the run ends 2 deg before its stop at 85 deg."""
+    """A trailer pushed backwards from 1.5 deg folds, and the run ends 2 deg before the stop at 85 deg."""
     plant, _ = plant_with(Drawn())
     hinge = plant.model.joint("hitch_yaw").qposadr[0]
     plant.data.qpos[hinge] = radians(1.5)

@@ -1,4 +1,4 @@
-"""Steering linkage: kingpins move no wheel, the play is crossed at each reversal, a sensor sits on one knuckle."""
+"""Steering linkage: kingpin axes, crossing of the play at each reversal, and a sensor on one knuckle."""
 
 from math import atan2, degrees, radians, tan
 
@@ -47,7 +47,7 @@ def test_kingpin_axis_meets_the_ground_inside_and_ahead_of_the_wheel():
 
 @pytest.mark.parametrize("kind", ["bicycle", "mujoco"])
 def test_wheel_angle_after_a_steering_reversal_lags_by_the_backlash(kind):
-    """Left, then right: 2 deg of play are missing on the way back; friction keeps the wheels from coasting."""
+    """After steering left, then right, the wheel angle lags by a play of 2 deg; friction prevents coasting."""
     backlash, found = 2.0, {}
     for play in (0.0, backlash):
         plant = plant_of(kind, Linkage(backlash_deg=play, friction_n_m=100.0))
@@ -71,7 +71,7 @@ def test_pressure_and_wheel_motion_are_zero_inside_the_backlash():
 
 
 def test_wheel_angle_with_backlash_follows_its_definition_in_both_plants():
-    """Against the definition: the wheel stays unless the cylinder is more than half the play away."""
+    """By definition, the wheel is at rest unless its distance from the cylinder exceeds half the play."""
     plant, half = plant_of("bicycle", Linkage(backlash_deg=3.0)), radians(1.5)
     plant.reset(ORIGIN)
     delta = 0.0

@@ -1,4 +1,4 @@
-"""The compiled MJCF against `tractor.py`: the same tractor, twice."""
+"""Compiled MJCF model compared with the tractor parameters."""
 
 import re
 
@@ -37,7 +37,7 @@ def as_shipped(tractor):
 
 
 def inertia_about_cg(model):
-    """Inertia (3, 3) of the whole tractor about its centre of mass, world axes, all joints at zero."""
+    """Return model data with all joints at zero, and the inertia (3, 3) of the tractor about its CG in world axes."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     total = np.zeros((3, 3))
@@ -111,7 +111,7 @@ def test_tractor_with_impossible_parameters_is_rejected(change, message):
 
 
 def test_error_for_impossible_inertias_suggests_possible_inertias():
-    """They are those of a tractor in proportion: 16 times the inertias of the default on twice its length."""
+    """Suggested inertias are those of a tractor of the same shape: 16 times the default at twice its length."""
     with pytest.raises(ValueError, match=r"set them to") as refused:
         written(TractorParameters(mass_kg=3000, wheelbase_m=2.8, yaw_inertia_kg_m2=100.0))
     found = [float(x) for x in re.findall(r"([\d.e+]+)(?:,| and| for)", str(refused.value).partition("set them to")[2])]

@@ -1,5 +1,5 @@
-"""The MuJoCo tractor as a machine: weight, parking, straight lines, steering with its stops, the step against the
-bicycle, rolling over, and the numerics (step size, determinism, compiled against plain Python).
+"""MuJoCo tractor: weight, parking, straight lines, steering with its stops, comparison with the bicycle, rollover, and
+numerics (step size, determinism, compiled code against plain Python).
 """
 
 import json
@@ -26,11 +26,11 @@ ORIGIN = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 TYRES = every(Tyre)
 FORCE_TYRES = [tyre for tyre in TYRES if tyre().judged]
 SHORT = Linear(relaxation_radii=0.05)
-"""The shortest relaxation length that is stable at 2 ms: tyres that answer at once, as the bicycle's."""
+"""Tyre with the shortest stable relaxation length at 2 ms, which responds almost immediately, as in the bicycle."""
 
 
 def build(spec, terrain=Flat(), dt=0.002, start=ORIGIN, cylinder=CYLINDER):
-    """A plant at rest on its terrain, and its first truth."""
+    """Return a plant at rest on its terrain, and its first true state."""
     kind = BicyclePlant if isinstance(spec, Bicycle) else MujocoPlant
     plant = kind(spec, Machine(cylinder=cylinder), terrain.ground(), Clock.of(dt))
     return plant, plant.reset(start)
@@ -41,13 +41,13 @@ def linear(terrain=Flat(), **changes):
 
 
 class Driver:
-    """Holds a speed by a plain PI law; steers by voltage or towards an angle."""
+    """Driver with a PI speed controller, who steers by voltage or towards an angle."""
 
     def __init__(self, plant, truth, speed=2.0):
         self.plant, self.truth, self.speed, self.integral = plant, truth, speed, 0.0
 
     def go(self, seconds, steer_voltage=NEUTRAL_V, angle=None):
-        """Truths of every tick."""
+        """Return the true state of every tick."""
         seen = []
         for _ in range(round(seconds / 0.05)):
             error = self.speed - self.truth.speed
@@ -78,7 +78,7 @@ def loads(plant):
 
 
 def rigid_angle(voltages, dt=0.002):
-    """Angle that a rigid cylinder would reach, after each 50 ms tick [rad]."""
+    """Return the angle of a rigid cylinder after each tick of 50 ms [rad]."""
     law, memory = valve_law(Valve(), dt)
     angle, seen = 0.0, []
     for voltage in voltages:
@@ -126,7 +126,7 @@ def test_parked_tractor_stays_on_a_slope(tyre, direction_deg):
 
 
 def test_wheel_load_shifts_downhill_on_a_slope():
-    """Moments about the lower wheels: m g sin(grade) h / track, increased by the roll on the tyres."""
+    """The moment about the lower wheels is m g sin(grade) h / track, increased by the roll on the tyres."""
     plant, _ = linear(Slope(grade_deg=10, direction_deg=90))
     truth = rest(plant, 10.0)
     carried = loads(plant)
@@ -189,8 +189,8 @@ def test_left_and_right_turns_are_mirror_images():
 
 
 def test_forces_balance_the_acceleration_on_a_steady_circle():
-    """Lateral tyre forces sum to m u gamma; the outer wheels take over its moment, with that of the wheels' gyroscopes
-    and of the weight that leans out."""
+    """Lateral tyre forces sum to m u gamma. The outer wheels carry its moment, and the moments of gyroscopic forces and
+    of the tilted weight."""
     driver = Driver(*linear())
     end = driver.go(20.0, angle=0.2)[-1]
     report = driver.plant.wheels().reshape(6, 4)
@@ -212,7 +212,7 @@ def test_forces_balance_the_acceleration_on_a_steady_circle():
     ("speed", "steady_rel", "rms_rel"), [(1.0, 0.02, 0.04), (2.0, 0.02, 0.04), (4.0, 0.02, 0.04)], ids=["1", "2", "4"]
 )
 def test_yaw_rate_in_a_steady_turn_equals_the_bicycle_model(speed, steady_rel, rms_rel):
-    """The remainder: wheel spin and pitch, relaxation over 2 cm, Ackermann and the longitudinal slip of driving."""
+    """Differences are due to wheel spin, pitch, relaxation over 2 cm, Ackermann geometry and longitudinal slip."""
     answers = []
     for spec in (Bicycle(), Mujoco(tyre=SHORT)):
         driver = Driver(*build(spec), speed=speed)
@@ -355,7 +355,7 @@ def test_leaving_the_terrain_is_detected():
 
 @pytest.mark.parametrize("wrong", [1e12, np.nan])
 def test_numerical_divergence_ends_the_run(wrong, tmp_path, monkeypatch):
-    """MuJoCo then resets the model to its initial state, which must not count as continued motion."""
+    """On divergence, MuJoCo resets the model to its initial state, which must not count as continued motion."""
     monkeypatch.chdir(tmp_path)
     plant, _ = linear()
     plant.data.qvel[0] = wrong
@@ -369,7 +369,7 @@ def test_numerical_divergence_ends_the_run(wrong, tmp_path, monkeypatch):
 
 
 def manoeuvre(tyre, dt):
-    """Start, curve, counter-curve: the truths of 8 s."""
+    """Return the true states of 8 s with a start, a curve and an opposite curve."""
     driver = Driver(*build(Mujoco(tyre=tyre), dt=dt))
     seen = driver.go(3.0) + driver.go(1.5, steer_voltage=8.0) + driver.go(3.5, steer_voltage=4.6)
     assert not warnings(driver.plant)
@@ -410,7 +410,7 @@ def test_equal_inputs_give_bit_identical_results(tyre):
 
 
 def test_true_velocities_are_the_derivatives_of_true_positions():
-    """Velocities are the slopes of the positions; the antenna stands over R; samples end at the present."""
+    """The antenna is above R, and the samples of a tick end at the current time."""
     driver = Driver(*linear(Slope(grade_deg=8, direction_deg=30)))
     seen = driver.go(6.0, angle=0.3)
     before, now, after = seen[-3:]

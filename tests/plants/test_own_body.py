@@ -1,5 +1,5 @@
-"""A machine's own body: the template drives as the default tractor, its numbers are those of the file, and what is no
-body is refused in one message."""
+"""User-defined body of a machine: the template moves like the default tractor, its numbers are those of the file, and
+an invalid body is rejected in one message."""
 
 import re
 from pathlib import Path
@@ -31,7 +31,7 @@ def variant(tmp_path, *changes, name="mine.xml"):
 
 
 def refused(path):
-    """The message for a body."""
+    """Return the error message for a body file."""
     with pytest.raises(ScenarioError) as error:
         load_scenario("straight_line", {"tractor.mjcf": str(path)})
     assert all("tractor.mjcf: " in line for line in str(error.value).split("\n"))
@@ -51,9 +51,9 @@ def test_body_template_gives_the_default_parameters():
 
 @pytest.mark.parametrize("scenario", ["figure_eight", "side_slope_10"])
 def test_run_with_the_body_template_agrees_with_the_default_tractor(scenario):
-    """Not identical: masses are rounded to nine digits, and 0.5 kg of the crank belong to the axle.
+    """Results differ slightly, because masses are rounded to nine digits and 0.5 kg of the crank belong to the axle.
 
-    The gains are the paper's: those of a faster network make more of the difference.
+    The gains are those of the paper, because a faster network would amplify the difference.
     """
     mine, default = (driven(scenario, 30.0, gains="paper", **keys) for keys in ({"tractor.mjcf": str(TEMPLATE)}, {}))
     for name, bound in (("x", 1e-3), ("y", 1e-3), ("yaw", 1e-3), ("steer", 2e-3), ("roll", 1e-4)):
@@ -63,7 +63,7 @@ def test_run_with_the_body_template_agrees_with_the_default_tractor(scenario):
 
 
 def test_model_file_of_the_default_tractor_is_a_valid_body_file(tmp_path):
-    """With actuators, couplings, crank and differentials of its own, which are left out or replaced."""
+    """The actuators, couplings, crank and differentials of the file are omitted or replaced."""
     text = re.sub(r".*<include.*\n", "", TRACTOR.read_text(encoding="utf-8"))
     (tmp_path / "tractor.xml").write_text(text, encoding="utf-8")
     mine = driven("figure_eight", 10.0, **{"tractor.mjcf": str(tmp_path / "tractor.xml")})
@@ -159,7 +159,7 @@ CHASSIS_GEOM = '<geom name="hood_contact"'
 
 
 def on_chassis(name, joint=""):
-    """A change that hangs a body on the chassis."""
+    """Return a text replacement that attaches a body to the chassis."""
     return CHASSIS_GEOM, f'<body name="{name}" pos="0.7 0.5 0.3">{joint}{SPHERE}</body>{CHASSIS_GEOM}'
 
 
@@ -198,7 +198,7 @@ WRONG = {
     "absolute": ([before_world('<include file="/etc/passwd"/>')], "must be in the folder of the body"),
     "folder": ([('angle="degree"', 'angle="degree" meshdir="/etc"')], "<compiler meshdir>"),
     "plugin": ([before_world('<extension><plugin plugin="x"/></extension>')], "plugins are not supported"),
-    "unknown": ([before_world("<wheels/>")], "MuJoCo cannot read it"),
+    "unknown": ([before_world("<wheels/>")], "MuJoCo cannot read the file"),
 }
 
 
@@ -218,7 +218,7 @@ def test_error_for_an_invalid_body_file_names_the_faulty_part(case, tmp_path):
         ('<!DOCTYPE a [<!ENTITY b "c">]><mujoco/>', "document type"),
         ("<mujoco/>", "there is no body 'chassis'"),
         ("\0\0\0", "is not valid XML"),
-        ("<mujoco><worldbody>" + 5000 * "<body>" + 5000 * "</body>" + "</worldbody></mujoco>", "cannot read it"),
+        ("<mujoco><worldbody>" + 5000 * "<body>" + 5000 * "</body>" + "</worldbody></mujoco>", "cannot read the file"),
     ],
 )
 def test_file_that_is_not_mjcf_is_rejected(content, expected, tmp_path):

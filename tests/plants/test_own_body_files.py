@@ -1,4 +1,4 @@
-"""The files of a machine's own body: all that MuJoCo opens are checked, hashed and copied, whatever names them."""
+"""Files of a user-defined body: all files that MuJoCo opens are checked, hashed and copied."""
 
 from pathlib import Path
 
@@ -22,13 +22,13 @@ def mesh(name):
 
 
 def model(name, more="", inside=""):
-    """A model of one body of a mesh."""
+    """Return a model with one body, which has a mesh."""
     body = f'<body name="{name}"><geom type="mesh" mesh="{name}" mass="2"/>{inside}</body>'
     return f'<mujoco model="{name}">{more}{mesh(name)}<worldbody>{body}</worldbody></mujoco>'
 
 
 def write(folder, assets="", on_chassis="", **others):
-    """The template with more assets and parts on its chassis, and other files; its path."""
+    """Write the template with additional assets, parts on its chassis and files. Return its path."""
     text = TEMPLATE.read_text(encoding="utf-8")
     text = text.replace("<worldbody>", f"{assets}<worldbody>", 1).replace(CHASSIS, f"{on_chassis}{CHASSIS}", 1)
     folder.mkdir(parents=True, exist_ok=True)
@@ -39,7 +39,7 @@ def write(folder, assets="", on_chassis="", **others):
 
 
 def layered(folder):
-    """A body of which a file is included, one attached, and one attached and included by that."""
+    """Write a body with an included file, an attached file, and nested attached and included files."""
     rack = model("rack", INCLUDE.format("more.xml") + '<asset><model name="lamp" file="lamp.xml"/></asset>')
     rack = rack.replace("</body>", ATTACH.format("lamp") + "</body>")
     return write(

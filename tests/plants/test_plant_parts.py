@@ -1,4 +1,4 @@
-"""What the MuJoCo plant hands on: conditions to tyres and loads, a reset to every memory, silence where all is well."""
+"""MuJoCo plant: application of fault conditions, reset of all internal states, and messages only when necessary."""
 
 import numpy as np
 import pytest

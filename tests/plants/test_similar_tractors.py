@@ -1,4 +1,4 @@
-"""Every scenario starts at rest on tractors of other masses, of the same shape."""
+"""Every scenario starts at rest on tractors of the same shape with other masses."""
 
 from math import dist, hypot
 
@@ -25,11 +25,11 @@ SOME = (
     ("furrows_across", 9000.0),
     ("figure_eight_soft_soil", 9000.0),
 )
-"""Pairs that are simulated by default: each mass, slopes in all directions, rough ground, soil, implements."""
+"""Default pairs of scenario and mass: each mass, slopes in all directions, rough ground, soil, implements."""
 
 
 def fastest(truth):
-    """Greatest speed of the CG and of a point a metre from it [m/s]."""
+    """Return the maximum speed of the CG and of a point at a distance of one metre [m/s]."""
     return max(hypot(truth.speed, truth.lateral_speed), abs(truth.yaw_rate))
 
 

@@ -1,4 +1,4 @@
-"""Bounds of tyres that physics and the step size set: named before a run, and true."""
+"""Stability limits of tyre parameters due to physics and step size: reported before a run, and correct."""
 
 from pathlib import Path
 

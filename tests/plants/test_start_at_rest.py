@@ -1,4 +1,4 @@
-"""A run starts with the tractor at rest, where its path starts."""
+"""Every run starts with the tractor at rest at the start of its path."""
 
 from math import hypot
 
@@ -23,13 +23,13 @@ REST, ZERO = Drive(NEUTRAL_V, NEUTRAL_V), np.array([[0.0]])
 
 
 def start(terrain, tyre=None, **settle):
-    """A plant and the truth with which it starts."""
+    """Return a plant and its initial true state."""
     plant = MujocoPlant(Mujoco(tyre=tyre or MagicFormula(), **settle), Machine(), terrain.ground())
     return plant, plant.reset(START)
 
 
 def moving(truth):
-    """Speed of the CG and of a point a metre from it [m/s]."""
+    """Return the maximum speed of the CG and of a point at a distance of one metre [m/s]."""
     return max(hypot(truth.speed, truth.lateral_speed), abs(truth.yaw_rate))
 
 

@@ -1,4 +1,4 @@
-"""Recordings that tests read back."""
+"""Recording files that tests read."""
 
 from functools import cached_property
 

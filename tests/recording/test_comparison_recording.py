@@ -105,7 +105,7 @@ def test_ground_is_drawn_once_and_text_explains_the_run_colours(compared):
 
 
 def test_comparison_text_lists_the_metrics_of_each_run(compared):
-    """A law without a yaw controller has no error of the yaw rate."""
+    """A law without a yaw controller has no yaw-rate error."""
     _, logs = compared
     log = run(load_scenario("circle", {"plant.kind": "bicycle", "guidance.kind": "stanley", "duration_s": 2}))
     assert "yaw_rate_error_rms" not in info.compared(log.scenario, [("stanley", 0xFF, log)])

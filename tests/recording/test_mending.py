@@ -1,4 +1,4 @@
-"""A recording without an end opens as far as it was written; the file itself stays as it is."""
+"""Display of a recording without an end, up to its last complete chunk; the file itself is not changed."""
 
 import numpy as np
 import pytest

@@ -25,7 +25,7 @@ from agrobot_mj.recording.plots.catalogue import Plot, Series
 
 
 def numbers(low, high, most_steps):
-    """How many multiples of a power of ten stand on the axis, at most `most_steps` apart."""
+    """Return the number of multiples of a power of ten on an axis, with at most `most_steps` steps."""
     step = 10.0 ** ceil(log10((high - low) / most_steps) - 1e-9)
     return floor(high / step + 1e-9) - ceil(low / step - 1e-9) + 1
 
@@ -46,7 +46,7 @@ def test_axis_range_with_tick_labels_only_at_its_ends_is_extended():
 
 @pytest.mark.parametrize("span", [1.01, 1.2, 1.3, 1.9, 3.0, 9.2])
 def test_plot_of_the_required_height_shows_three_tick_labels(span):
-    """Beside the scene, where three plots share the height with the states."""
+    """Three plots next to the scene share the height with the states."""
     values = Range(-0.3 * span, 0.7 * span)
     share = pixels(values) / 750
     assert share <= 0.46, "two of them and the states have room"

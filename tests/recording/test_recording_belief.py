@@ -9,7 +9,7 @@ ELLIPSE = "/world/belief"
 
 
 def rotated(quaternion, v):
-    """`v` (3,) turned by x y z w."""
+    """Return `v` (3,) rotated by the quaternion (x, y, z, w)."""
     x, y, z, w = quaternion
     axis = np.array([x, y, z])
     t = 2 * np.cross(axis, v)

@@ -20,7 +20,7 @@ def faulty(tmp_path_factory):
 
 
 def marks(recorded):
-    """Tick, label and place of each."""
+    """Return tick, label and position of each event."""
     times, labels = recorded.column("/world/events", "Points3D:labels")
     _, places = recorded.column("/world/events", "Points3D:positions")
     found = zip(times // 50_000_000, labels, places, strict=True)
@@ -32,7 +32,7 @@ def lane(recorded, path):
     return [(int(tick), state) for tick, (state,) in zip(times // 50_000_000, states, strict=True)]
 
 
-def test_fault_markers_show_where_and_when_faults_begin_and_end(faulty):
+def test_fault_markers_show_the_place_and_time_of_fault_starts_and_ends(faulty):
     found = [(tick, label) for tick, label, _ in marks(faulty) if "limit" not in label]
     assert found == [
         *[(80, "GNSS loss begins"), (120, "GNSS loss ends"), (160, "friction begins")],

@@ -14,7 +14,7 @@ N_PER_M = 1000.0  # Of the arrows along the ground; those of the loads are half 
 
 
 def grid(values):
-    """Shape (ticks, 4, 3)."""
+    """Return an array of shape (ticks, 4, 3)."""
     return np.array(values)
 
 

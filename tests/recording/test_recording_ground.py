@@ -11,7 +11,7 @@ PATH = np.column_stack([np.linspace(0.0, 20.0, 50), np.zeros(50)])
 
 
 class Mesh:
-    """What a viewer draws: positions (n, 3), normals (n, 3), colours (n, 3) and triangles (m, 3)."""
+    """Displayed mesh: positions (n, 3), normals (n, 3), colours (n, 3) and triangles (m, 3)."""
 
     def __init__(self, ground, path=PATH):
         mesh = ground_mesh(ground, path)
@@ -25,7 +25,7 @@ class Mesh:
 
     @property
     def areas(self):
-        """Areas of the triangles seen from above, positive when counter-clockwise."""
+        """Areas of the triangles seen from above, positive if counter-clockwise."""
         return np.cross(self.b - self.a, self.c - self.a)[:, 2] / 2
 
     def colour_at(self, x, y):
@@ -39,7 +39,7 @@ def furrows(spacing=0.05, half=30.0, depth=0.06):
 
 
 def edges_used_once(mesh):
-    """Edges on the rim of the mesh, as pairs of places: those of a closed surface all belong to two triangles."""
+    """Return the boundary edges of a mesh as pairs of positions. Inner edges belong to two triangles."""
     places = np.unique(mesh.positions.round(4), axis=0, return_inverse=True)
     ids = places[1].ravel()[mesh.triangles]
     pairs = np.sort(np.concatenate([ids[:, [0, 1]], ids[:, [1, 2]], ids[:, [2, 0]]]), axis=1)
@@ -133,7 +133,7 @@ def test_ground_patches_have_separate_colours_and_sharp_borders():
 
 
 def test_colours_blend_smoothly_at_ground_patch_borders():
-    """Along an oblique border the colours change as a straight border does: none of the cells of the grid shows."""
+    """Along an oblique border, the colours change as along a straight border, so that no grid cells are visible."""
     cells = (np.arange(160) + 0.5) * 0.25 - 20
     x, y = np.meshgrid(cells, cells)
     surface = Surface(-20.0, -20.0, 0.25, np.where(x + 0.5 * y < 0, 0.4, 1.0), np.zeros((160, 160)))

@@ -1,4 +1,4 @@
-"""Ruts are painted where they are, piece by piece as the tractor comes there."""
+"""Display of ruts at their positions, added in blocks as the tractor advances."""
 
 import numpy as np
 import pytest

@@ -19,7 +19,7 @@ UNITS = {
     **{"cm": ("m", 100), "kN": ("N", 1e-3), "%": ("-", 100), "l/min": ("m3/s", 6e4), "bar": ("Pa", 1e-5)},
     **{"deg": ("rad", DEG), "deg/s": ("rad/s", DEG), "deg/s2": ("rad/s2", DEG)},
 }
-"""Unit in the log and conversion factor for each plot unit that differs from the unit in the log."""
+"""Unit in the log and conversion factor of each plot unit that differs from the unit in the log."""
 NEGATIVE = ("e_longitudinal", "e_lateral", "tau_n")  # Columns that a plot shows with the opposite sign
 
 
@@ -111,7 +111,7 @@ def test_plotted_network_parameters_equal_the_table_at_4_hz(eight, signals):
 
 
 @pytest.mark.parametrize("bound", ["lower", "upper"])
-def test_heat_maps_show_the_firing_strengths_with_values(eight, bound):
+def test_heat_maps_show_the_firing_strengths_and_their_numbers(eight, bound):
     times, buffers = eight.column(f"/network/firing_{bound}", "DepthImage:buffer")
     pictures = np.array([np.frombuffer(bytes(buffer[0]), dtype=np.float32) for buffer in buffers])
     expected = np.array([eight.log.column(f"w_{bound}_{rule}")[::5] for rule in RULES]).T

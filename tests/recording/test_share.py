@@ -1,4 +1,4 @@
-"""Recordings to pass on: one page with its viewer, and videos."""
+"""Shared recordings: one page with its viewer, and videos."""
 
 import base64
 import gzip
@@ -90,7 +90,7 @@ def test_video_without_ffmpeg_is_rejected_before_the_viewer_starts(call, eight, 
 
 def test_video_and_animation_options_exclude_each_other(call, eight):
     status, _, err = call("snapshot", str(eight.path), "--mp4", "--gif")
-    assert (status, "--gif and --mp4 exclude each other" in err) == (2, True)
+    assert (status, "--gif and --mp4 are mutually exclusive" in err) == (2, True)
 
 
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="needs ffmpeg: apt-get install ffmpeg")

@@ -1,4 +1,4 @@
-"""Pictures drawn for real, by Rerun's viewer on a Vulkan driver (Mesa's in software will do)."""
+"""Images rendered by Rerun's viewer with a Vulkan driver, for example Mesa's software driver."""
 
 import io
 import os
@@ -41,13 +41,13 @@ def test_animation_shows_motion_up_to_the_end_of_the_run(t, end, first, last):
 
 @pytest.fixture(scope="module", params=[TABS[:2], pytest.param(TABS, marks=pytest.mark.slow)], ids=len)
 def tabs(request):
-    """The tabs to draw: two of them, or all."""
+    """Return the tabs to render: two tabs, or all."""
     return request.param
 
 
 @pytest.fixture(scope="module")
 def pictures(eight, tabs, tmp_path_factory):
-    """These tabs of a recording at 20 s, as (height, width, 3); a busy machine takes more than a user's patience."""
+    """Return images (height, width, 3) of the tabs of a recording at 20 s, by tab."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(snapshot, "TRIES", 10)
         written = snapshots(eight.path, [20.0], tmp_path_factory.mktemp("pictures"), [tab.title() for tab in tabs])
@@ -141,7 +141,7 @@ def test_images_rendered_before_a_crash_are_kept(eight, tmp_path, monkeypatch, c
             clients.append(self)
 
         def set_blueprint(self, layout, scope):
-            """As the viewer's."""
+            """Do nothing; the viewer's client has this method."""
 
         def get_state(self):
             line = SimpleNamespace(name="sim_time", end=25_400_000_000)
@@ -218,6 +218,6 @@ def fetched(url):
 
 
 def listening(table):
-    """Lines of Linux's table of sockets in the state of listening."""
+    """Return the rows of listening sockets in a socket table of Linux."""
     lines = Path(f"/proc/net/{table}").read_text().splitlines()[1:]
     return [line for line in lines if line.split()[3] == "0A"]

@@ -79,7 +79,7 @@ def test_hint_reports_stiffness_values_of_another_machine_size(table):
 
 
 def test_hint_states_the_value_of_a_clamped_tyre_coefficient():
-    """10.9 kN on a tyre for 2.3 kN: the line of the stiffness would be at 1 - 0.25 x 3.76, that of grip at 0.7."""
+    """A load of 10.9 kN on a tyre for 2.3 kN gives 1 - 0.25 x 3.76 for the stiffness, and 0.7 for the grip."""
     (line,) = hints(load_scenario("side_slope", LARGE | {"plant.tyre.rear.reference_load_n": 2300.0}))
     assert "carries 10948 N, 4.8 times the reference load of 2300 N" in line
     assert line.endswith("beyond it stiffness per load stay at 0.2 times the reference")

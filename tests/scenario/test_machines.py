@@ -1,4 +1,4 @@
-"""Machines as files: below the scenario's own keys, stated in the resolved file, swapped without a trace."""
+"""Machine files: priority below scenario keys, content in the resolved file, and complete replacement."""
 
 import tomllib
 
@@ -44,7 +44,7 @@ def test_shipped_machine_has_a_title_and_no_hints(name):
 
 @pytest.mark.parametrize("name", machine_files())
 def test_every_number_of_a_shipped_machine_has_a_source(name):
-    """Beside it, or above it in a group of lines without a gap."""
+    """The source is on the same line, or above a group of lines without a gap."""
     sourced = False
     for line in machine_files()[name].read_text(encoding="utf-8").splitlines():
         said = any(word in line for word in ("stimate", "ssumed", "Log", "Code", "Maker", "Regulation", "[Karkee"))
@@ -67,7 +67,7 @@ def test_scenario_overrides_machine_and_machine_overrides_defaults(mine):
 
 @pytest.fixture
 def led(tmp_path):
-    """Machine with its own guidance law."""
+    """Return the file of a machine with its own guidance law."""
     (tmp_path / "led.toml").write_text(MINE + '[guidance]\nkind = "stanley"\ngain_per_s = 0.7\n')
     return str(tmp_path / "led.toml")
 
@@ -91,7 +91,7 @@ def test_guidance_law_of_the_machine_is_the_default_of_the_scenario(led):
     ],
 )
 def test_scenario_law_or_yaw_controller_replaces_the_machine_law(led, given, law):
-    """As an override, in a file, and set later, with the same result: a yaw controller belongs to the paper's law."""
+    """The result is the same for an override, a file, and a later change. A yaw controller implies the paper's law."""
     s = load_scenario("bumps", {"machine": led, **given})
     assert s.law == law
     assert load_scenario("bumps", given).changed({"machine": led}).model_dump() == s.model_dump()

@@ -1,4 +1,4 @@
-"""Hints for unknown keys, options and names: the same table first, near names, no other table by chance."""
+"""Suggestions for unknown keys, options and names: similar names, first those of the same table."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""Implausible values are rejected with key, value and limit, or reported; costly inputs are counted first."""
+"""Implausible values are rejected with key, value and limit, or reported; expensive inputs are counted first."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""Hints on the path: turns that are too tight or sudden, with values that work, and a path that leaves the ground."""
+"""Hints on the path: tight or abrupt turns with feasible values, and a path that leaves the ground."""
 
 import re
 from math import hypot, inf, radians, tan
@@ -15,13 +15,13 @@ FIELD = {"path.kind": "swaths", "path.length_m": 45.0, "path.swath_m": 4.0, "pat
 
 
 def on_path(**changes):
-    """Hints on the path of a field, keys without their table."""
+    """Return the hints on the path of a field, for path keys without their table."""
     given = {f"path.{key}": value for key, value in changes.items() if key != "machine"}
     return hints(load_scenario("straight_line", {**FIELD, **given, "machine": changes.get("machine", "compact")}))
 
 
 def applied(line):
-    """The fixes that a hint offers, as overrides."""
+    """Return the changes suggested by a hint, as path keys."""
     found = re.findall(r"path\.(\w+) (?:=|of) ([\d.]+|\"\w+\")", line.rpartition("; set ")[2])
     return {key: value.strip('"') if '"' in value else float(value) for key, value in found}
 
@@ -43,7 +43,7 @@ def test_every_value_suggested_for_an_abrupt_turn_removes_the_hint(machine, radi
 
 
 def test_turn_near_the_steering_limit_gives_a_hint_with_feasible_radius():
-    """At 1.9 m the CG of the compact tractor needs 37.5 of 40 deg: sin(beta) = 0.532 / 1.9."""
+    """At a radius of 1.9 m, the compact tractor needs 37.5 of 40 deg: sin(beta) = 0.532 / 1.9 at the CG."""
     given = {**FIELD, "path.turn_radius_m": 1.9, "path.transition": "clothoid", "tractor.steer_limit_deg": 40.0}
     (line,) = hints(load_scenario("straight_line", given))
     assert "needs 37.5 deg of steering, the limit of 40" in line
@@ -72,7 +72,7 @@ def test_clothoids_too_fast_for_the_valve_give_a_hint():
 
 
 def test_predicted_offset_after_a_curvature_step_equals_the_integral():
-    """Heading and offset by quadrature of a curvature that rises evenly over the way, about the step."""
+    """Heading and offset are integrals of a curvature that increases linearly over a distance centred at the step."""
     tractor, rate = TractorParameters(), radians(20.0)
     step = Change(0.0, 0.08, 0.0, 3.0, (0.0, 0.0))
     way = 3.0 * tractor.steering_for(0.08) / rate
@@ -85,8 +85,8 @@ def test_predicted_offset_after_a_curvature_step_equals_the_integral():
 
 
 @pytest.mark.parametrize("machine", [TractorParameters(), TractorParameters(wheelbase_m=2.6, front_load_fraction=0.45)])
-def test_circle_of_minimum_radius_requires_the_steering_limit(machine):
-    """Rear axle on L / tan(limit), the CG l_r before it."""
+def test_circle_of_minimum_radius_requires_the_full_steering_angle(machine):
+    """The rear axle moves on a radius L / tan(limit), and the CG is l_r ahead of the rear axle."""
     rear = machine.wheelbase_m / tan(machine.steer_limit)
     assert machine.tightest_radius == pytest.approx(hypot(rear, machine.cg_to_rear_axle))
     assert machine.steering_for(1 / machine.tightest_radius) == pytest.approx(machine.steer_limit)
@@ -95,7 +95,7 @@ def test_circle_of_minimum_radius_requires_the_steering_limit(machine):
 
 
 def test_error_for_a_circle_below_the_minimum_radius_states_this_radius():
-    """L / tan(45 deg) = 1.4 m at the rear axle, l_r = 0.532 m: 1.498 m at the CG."""
+    """L / tan(45 deg) = 1.4 m at the rear axle and l_r = 0.532 m give 1.498 m at the CG."""
     given = {"path.kind": "circle", "path.speed_m_s": 0.4}
     with pytest.raises(ScenarioError, match=r"the limit is 45 deg \(radius 1\.50 m\); use a larger radius"):
         load_scenario("straight_line", given | {"path.radius_m": 1.49})
@@ -133,7 +133,7 @@ def test_error_for_a_start_outside_the_terrain_states_size_and_remedy(east, fix)
 
 
 def test_offset_at_turns_of_the_shipped_field_is_below_the_hint_limit():
-    """The omega turns of the compact tractor, which the library has, leave the path by 0.1 m at least."""
+    """The compact tractor leaves the path by at least 0.1 m in the omega turns of the library's field."""
     s = load_scenario("one_hectare")
     turn = Change(1 / 3, -1 / 3, 0.0, 1.0, (0.0, 0.0))
     assert 0.05 < turn.leaves(s.tractor, s.vehicle.steering_rate) < LEAVES_M

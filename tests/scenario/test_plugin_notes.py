@@ -1,4 +1,4 @@
-"""Results of a plugin's kinds name its file, in commands and in messages without it; errors begin in the plugin."""
+"""Results with plugin kinds name the plugin file, in commands and in messages; errors start with the plugin."""
 
 import re
 from pathlib import Path

@@ -1,6 +1,6 @@
-"""Classes from outside join the families of the schema: every family, bad ones told with the reason.
+"""Plugin classes of every family, and rejection of invalid classes with the reason.
 
-A test that registers something runs in a process of its own, since a registration lasts as long as the process.
+Tests that register a class run in separate processes, because a registration lasts until the end of a process.
 """
 
 import sys
@@ -210,7 +210,7 @@ def test_invalid_plugin_gives_one_message_and_registers_nothing(tmp_path, call, 
 )
 def test_error_for_a_plugin_law_states_its_invalid_return_value(answer, message):
     class Mine(GuidanceLaw):
-        """A law."""
+        """Guidance law with an invalid return value."""
 
         kind: Literal["mine"] = "mine"
 
@@ -312,7 +312,7 @@ def test_every_command_on_scenarios_or_kinds_accepts_plugins():
 
 
 def test_study_commands_accept_plugins(tmp_path):
-    """Those of tyres: tests/docs/test_plugins_doc.py."""
+    """Tyre plugins are tested in tests/docs/test_plugins_doc.py."""
     (tmp_path / "law.py").write_text(LAW, encoding="utf-8")
     short = ("--set", "duration_s=1", "--plants", "bicycle", "--no-rrd", "--out", "compared")
     done = command(tmp_path, "compare", "straight_line", "--plugin", "law.py", "--guidance", "own", *short)

@@ -1,4 +1,4 @@
-"""The scenario's schema: names, overrides, kinds, faults, and the round trip through TOML."""
+"""Scenario schema: names, overrides, kinds, faults, and the round trip through TOML."""
 
 import re
 import tomllib
@@ -29,7 +29,7 @@ def write(folder, text):
 
 
 def leaves(data, prefix=""):
-    """(dotted key, value) of everything in nested tables."""
+    """Yield dotted key and value of all entries in nested tables."""
     for key, value in data.items():
         if isinstance(value, dict):
             yield from leaves(value, f"{prefix}{key}.")
@@ -38,14 +38,14 @@ def leaves(data, prefix=""):
 
 
 def refused(source, overrides=None):
-    """The message for bad input."""
+    """Return the error message for an invalid scenario."""
     with pytest.raises(ScenarioError) as error:
         load_scenario(source, overrides)
     return str(error.value)
 
 
 def all_models(model=Scenario, seen=None):
-    """Every Spec inside the schema."""
+    """Return all Spec classes in the schema."""
     seen = {} if seen is None else seen
     if model not in seen:
         seen[model] = None
@@ -80,7 +80,7 @@ def test_empty_file_is_a_valid_scenario_with_default_values():
     assert resolve({}, "empty") == Scenario()
 
 
-def test_every_key_has_its_own_description():
+def test_every_key_has_a_description():
     for model in all_models():
         for name, field in model.model_fields.items():
             if name != "kind" and not members(field.annotation):
@@ -153,7 +153,7 @@ def test_override_may_replace_a_whole_table():
     ],
 )
 def test_changing_the_kind_removes_keys_of_the_old_kind(name, overrides):
-    """Also where the file itself names no kind because it is the default."""
+    """This includes files without a kind, which use the default kind."""
     (key, kind), *_ = overrides.items()
     part = load_scenario(name, overrides)
     for step in key.split("."):
@@ -195,7 +195,7 @@ def test_table_without_a_kind_key_has_the_default_kind():
 
 @pytest.mark.parametrize("tyre", [member.model_fields["kind"].default for member in every(Tyre)])
 def test_overriding_one_key_leaves_all_other_keys_at_their_defaults(tyre):
-    """Also deep inside a part whose default is not that of its class, such as the gains of one loop."""
+    """This includes parts whose default differs from that of their class, such as the gains of one loop."""
     default = load_scenario("straight_line", {"plant.tyre.kind": tyre})
     for key, value in leaves(default.model_dump(mode="json", exclude_none=True)):
         if not key.endswith("kind"):
@@ -329,7 +329,7 @@ def test_an_override_of_an_unknown_key_is_reported(key):
     ids=["delay", "settling", "step", "duration"],
 )
 def test_values_too_large_for_a_simulation_are_rejected(overrides):
-    """Each of these would fill the memory or run for years."""
+    """Each value would exhaust the memory or run for years."""
     refused("circle", overrides)
 
 
@@ -385,7 +385,7 @@ ROUTE = "0,0\n10,0\n20,{}\n"
 
 
 def field_with_routes(folder):
-    """A scenario in a folder with a blank and an umlaut in its name, its own route and another one elsewhere."""
+    """Return a folder with special characters, a scenario and its route, and a folder with another route."""
     field, elsewhere = folder / "Übungs feld", folder / "elsewhere"
     field.mkdir()
     elsewhere.mkdir()

@@ -1,4 +1,4 @@
-"""Text that nobody means: thousands of digits and brackets, bytes that are no text, names that command a terminal."""
+"""Hostile text: thousands of digits and brackets, bytes that are not text, and terminal control characters in names."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Outages by place: below trees the receiver floats or has nothing, outside it comes back after a while."""
+"""GNSS outages at given positions: below trees, the receiver has a float solution or none; outside, it recovers."""
 
 from math import sqrt
 
@@ -50,7 +50,7 @@ def test_receiver_under_fully_obstructed_sky_gives_no_solution():
 
 
 def test_gnss_losses_have_the_configured_fraction_and_mean_duration():
-    """A Markov chain of two states gives the fraction and the mean of the geometric dwell times."""
+    """A two-state Markov chain gives the fraction, and the mean of its geometric dwell times."""
     n, canopy = 60_000, Canopy(points=STRIP, lapse_share=0.3, lapse_s=0.5)
     none = qualities(canopy, np.full(n, 15.0)) == Quality.NONE
     begins = np.flatnonzero(np.diff(none.astype(int)) == 1)
@@ -85,7 +85,7 @@ def test_canopy_polygon_without_area_is_rejected(points):
 
 @pytest.mark.parametrize("points", [STRIP, ((0, 0), (4, 0), (4, 4), (2, 1), (0, 4)), ((0, 0), (5, 1), (1, 5))])
 def test_point_in_polygon_test_agrees_with_the_winding_number(points):
-    """Against the winding number, by angles."""
+    """The winding number is computed from angles."""
     rng = np.random.default_rng(1)
     corners = np.array([complex(*p) for p in points])
     for x, y in rng.uniform(-1, 21, (300, 2)) if points is STRIP else rng.uniform(-1, 6, (300, 2)):

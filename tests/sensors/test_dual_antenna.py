@@ -1,4 +1,4 @@
-"""Heading from two antennas: its errors, its latency, and what the estimator makes of it."""
+"""Heading from two antennas: errors, latency, and use by the estimator."""
 
 from math import atan2, degrees, isnan, radians, sqrt
 
@@ -61,7 +61,7 @@ def test_correlated_heading_error_starts_in_its_stationary_distribution():
 
 @pytest.mark.parametrize(("roll", "pitch"), [(0.2, 0.0), (0.0, 0.2), (0.2, 0.15), (-0.2, 0.15)])
 def test_roll_and_pitch_rotate_the_antenna_baseline(roll, pitch):
-    """Against rotation matrices: yaw, then pitch, then roll (ISO 8855)."""
+    """The reference uses rotation matrices: yaw, then pitch, then roll (ISO 8855)."""
     c, s = np.cos, np.sin
     R_z = np.array([[c(0.3), -s(0.3), 0], [s(0.3), c(0.3), 0], [0, 0, 1]])
     R_y = np.array([[c(pitch), 0, s(pitch)], [0, 1, 0], [-s(pitch), 0, c(pitch)]])
@@ -93,7 +93,7 @@ BOTH = {"sensors.gnss.dual_antenna.enabled": True}
 
 
 def test_dual_antenna_corrects_a_wrong_initial_heading_at_standstill():
-    """A start heading wrong by 60 deg: at once with two antennas, only after some metres with one."""
+    """An initial heading error of 60 deg is corrected at once by two antennas, but only after some metres by one."""
     wrong = {**FULL, "estimator.initial_yaw_error_deg": 60, "duration_s": 0.5}
     for more, found in ((BOTH, True), ({}, False)):
         signals = run(load_scenario("straight_line", {**wrong, **more})).signals
@@ -103,7 +103,7 @@ def test_dual_antenna_corrects_a_wrong_initial_heading_at_standstill():
 
 
 def test_dual_antenna_on_a_side_slope_separates_heading_from_course():
-    """10 deg: the tractor crabs by more than a degree, which one antenna takes for heading."""
+    """On 10 deg the crab angle exceeds one degree, which an estimator with one antenna interprets as heading."""
     slope = {**FULL, "duration_s": 40}
     off = {}
     for name, more in (("one", {}), ("two", BOTH)):

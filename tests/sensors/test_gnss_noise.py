@@ -1,4 +1,4 @@
-"""Colour of the receiver's noise against theory: autocovariance and Allan deviation of sums of processes."""
+"""Correlated receiver noise compared with theory: autocovariance and Allan deviation of sums of processes."""
 
 from functools import cache
 from math import exp, sqrt
@@ -31,7 +31,7 @@ def truth(t=0.0):
 
 
 def errors(gnss, ticks, seed=5, quality=Quality.FIX):
-    """Errors east, north and up, shape (ticks, 3) [m]."""
+    """Return the errors to the east, north and up, shape (ticks, 3) [m]."""
     state, now, found = gnss.init(seed), truth(), []
     conditions = NOMINAL._replace(gnss_quality=quality)
     for _ in range(ticks):
@@ -42,25 +42,25 @@ def errors(gnss, ticks, seed=5, quality=Quality.FIX):
 
 @cache
 def long_errors():
-    """Errors of one long run of `REAL`."""
+    """Return the errors of one long run of `REAL`."""
     return errors(REAL, 40_000)
 
 
 @cache
 def errors_of_runs():
-    """Errors of `REAL` over LONGEST_LAG_S, from the stationary distribution, shape (1200, ticks, 3) [m]."""
+    """Return errors of `REAL` over LONGEST_LAG_S from the stationary distribution, shape (1200, ticks, 3) [m]."""
     return np.array([errors(REAL, round(LONGEST_LAG_S / DT) + 1, seed) for seed in range(1200)])
 
 
 def variance_of_sum(gnss, lag_s):
-    """Autocovariance of an axis at a lag [m2]: that of independent processes adds up."""
+    """Return the autocovariance of an axis at a lag [m2], which is the sum over the independent processes."""
     white = gnss.sigma_m**2 if lag_s == 0 else 0.0
     a, b = gnss.multipath_sigma_m**2, gnss.drift_sigma_m**2
     return white + a * exp(-lag_s / gnss.multipath_time_s) + b * exp(-lag_s / gnss.drift_time_s)
 
 
 def allan(error, ticks):
-    """Overlapping Allan deviation of a phase-like series sampled at DT, over `ticks` [m/s]."""
+    """Return the overlapping Allan deviation over `ticks` of a phase-like series sampled at DT [m/s]."""
     second = error[2 * ticks :] - 2 * error[ticks:-ticks] + error[: -2 * ticks]
     return sqrt(np.mean(second**2) / 2) / (ticks * DT)
 
@@ -71,7 +71,7 @@ def test_default_gnss_noise_equals_the_published_values():
 
 @pytest.mark.parametrize("lag_s", [0.0, 0.05, 1.0, LONGEST_LAG_S])
 def test_gnss_autocovariance_is_the_sum_of_its_error_parts(lag_s):
-    """Mean over runs from the stationary distribution, so that no time average hides the slow part."""
+    """The mean is over runs from the stationary distribution, because a time mean would remove the slow component."""
     pairs = errors_of_runs()[:, [0, round(lag_s / DT)]]
     for axis, scale in enumerate((1.0, 1.0, REAL.height_ratio**2)):
         first, last = pairs[:, 0, axis], pairs[:, 1, axis]
@@ -92,7 +92,7 @@ def test_gnss_allan_deviation_is_the_sum_of_its_error_parts(tau_s):
 
 
 def test_rtk_noise_scenario_has_millimetre_jitter_and_centimetre_drift():
-    """The library's `rtk_noise`: from tick to tick and over 5 minutes, beside the default's 2.4 cm of jitter."""
+    """Noise of the scenario `rtk_noise` from tick to tick and over 5 minutes; the default jitter is 2.4 cm."""
     gnss = load_scenario("rtk_noise").sensors.gnss
     jitter, paper = (np.diff(errors(part, 2000)[:, 0]).std() for part in (gnss, Gnss()))
     assert 0.002 < jitter < 0.006
@@ -109,7 +109,7 @@ def test_gnss_errors_in_east_and_north_are_independent():
 
 
 def test_additional_error_part_does_not_change_other_noise():
-    """With an additional part, the error of the paper stays bit-identical."""
+    """With an additional component, the error of the paper is bit-identical."""
     plain, more = Gnss(), Gnss(drift_sigma_m=0.01)
     drift = Gnss(sigma_m=0.0, drift_sigma_m=0.01)
     assert errors(more, 50) == pytest.approx(errors(plain, 50) + errors(drift, 50), abs=1e-12)

@@ -1,4 +1,4 @@
-"""The inertial unit: its errors are those of its keys, and it moves no other sensor's noise."""
+"""Inertial unit: errors as configured by its keys, without effect on the noise of other sensors."""
 
 from math import atan, cos, degrees, exp, isnan, pi, radians, sin, sqrt, tan
 
@@ -34,9 +34,9 @@ def readings(imu, ticks, seed=1, roll=0.0, pitch=0.0):
 
 
 def drive(imu, motion, ticks, roll=0.0, pitch=0.0):
-    """Errors of roll and pitch [rad], and specific force, of a perfect unit after each tick of a planar motion.
+    """Return errors of roll and pitch [rad], and specific force, of a perfect unit after each tick of a planar motion.
 
-    `motion` gives speed [m/s], yaw [rad] and yaw rate [rad/s] of R over time.
+    `motion` returns speed [m/s], yaw [rad] and yaw rate [rad/s] of R at a time.
     """
     state, found = imu.init(1), []
     for k in range(ticks):
@@ -64,7 +64,7 @@ def bend(speed, rate):
 
 @pytest.mark.parametrize("way", [1, -1])
 def test_unaided_inclinometer_reports_a_bend_as_tilt(way):
-    """5.7 degrees at 0.1 g, left side up in a left bend, also in reverse on the same circle."""
+    """At 0.1 g the error is 5.7 deg, left side up in a left bend, also in reverse on the same circle."""
     speed = 4.2
     found = drive(perfect(aiding="none", time_constant_s=0.0), bend(speed * way, 0.981 / speed * way), 40)
     assert np.degrees(found[5:, 0]) == pytest.approx(np.degrees(atan(0.1)), rel=1e-4)
@@ -73,7 +73,7 @@ def test_unaided_inclinometer_reports_a_bend_as_tilt(way):
 
 
 def test_gyros_reduce_the_roll_and_pitch_error_in_a_bend():
-    """The filter's vertical stands in space: tau r smaller in roll, and behind in pitch."""
+    """The vertical of the filter is constant in space, so that the roll error decreases with tau r, and pitch lags."""
     tau, r = 2.0, 0.3
     found = drive(perfect(aiding="none", time_constant_s=tau), bend(3.0, r), 600)[-1]
     tilted = 0.9 / 9.81
@@ -83,7 +83,7 @@ def test_gyros_reduce_the_roll_and_pitch_error_in_a_bend():
 
 @pytest.mark.parametrize("a", [0.8, -1.3])
 def test_unaided_imu_reports_acceleration_as_pitch(a):
-    """Nose up when it speeds up; the time constant is that of the key."""
+    """During acceleration, the measured pitch is nose up, with the configured time constant."""
 
     def speeding(t):
         return a * t, 0.4, 0.0
@@ -109,7 +109,7 @@ def test_slope_is_measured_exactly_when_driving_straight_at_constant_speed(aidin
 
 @pytest.mark.parametrize("time_constant", [0.0, 2.5])
 def test_vibration_biases_an_inclinometer_but_not_an_imu_with_gyros(time_constant):
-    """Up and back at once, 0.5 g and 0.3 g: the direction of the force has a mean of a_x a_z / g^2 / 2, 4 deg."""
+    """In-phase vibration of 0.5 g up and 0.3 g back tilts the mean force by a_x a_z / g^2 / 2, that is 4 deg."""
     imu = perfect(aiding="none", time_constant_s=time_constant)
     state, pitch, w = imu.init(1), [], 2 * pi * 2.5
     for k in range(2000):
@@ -126,7 +126,7 @@ def test_vibration_biases_an_inclinometer_but_not_an_imu_with_gyros(time_constan
 
 
 def test_lever_arm_acceleration_in_roll_oscillation_adds_to_measured_roll():
-    """A unit h above R that rolls by a sin(w t) feels h a w^2 sin(w t) on top of gravity's share."""
+    """A unit h above R with the roll angle a sin(w t) measures h a w^2 sin(w t) in addition to gravity."""
     h, a, w = 1.4, radians(2.0), 2 * pi * 0.5
     imu = perfect(time_constant_s=0.0, up_m=h)
     state, error = imu.init(1), []
@@ -141,7 +141,7 @@ def test_lever_arm_acceleration_in_roll_oscillation_adds_to_measured_roll():
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
 def test_unaided_imu_reports_outward_tilt_in_a_bend_on_both_plants(plant):
-    """On level ground: the reading beyond the true roll is a / g of the circle that is driven."""
+    """On level ground, the roll error is a / g for the lateral acceleration a on the circle."""
     given = {
         "plant.kind": plant,
         "path.radius_m": 12.0,

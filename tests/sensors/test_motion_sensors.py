@@ -1,4 +1,4 @@
-"""Gyro and wheel speed: their errors are those of their keys."""
+"""Gyro and wheel speed: errors as configured by their keys."""
 
 from math import exp, isnan, radians, sqrt
 
@@ -45,7 +45,7 @@ def test_sensor_scale_and_noise_match_the_keys(speed):
 
 
 @pytest.mark.parametrize("lag", [0, 2, 10])
-def test_wheel_slip_error_has_its_sigma_and_correlation_time(lag):
+def test_wheel_slip_error_has_the_configured_sigma_and_correlation_time(lag):
     n, sensor = 40_000, WheelSpeed(enabled=True, scale_error=0.0, slip_sigma=0.01, slip_time_s=0.25, sigma_m_s=0.0)
     slip = readings(sensor, n, wheel_speed=1.0) - 1.0
     expected = 1e-4 * exp(-lag * DT / 0.25)
@@ -58,7 +58,7 @@ def test_wheel_speed_of_stationary_wheels_is_exactly_zero():
 
 
 def test_gyro_bias_is_a_random_walk_of_the_configured_size():
-    """After 10 s the spread over seeds is the walk times the root of the time."""
+    """After 10 s, the standard deviation over seeds is the random-walk intensity times the root of the time."""
     gyro, runs = Gyro(enabled=True, sigma_deg_s=0.0, bias_deg_s=0.5, bias_walk_deg_s_rt_s=0.01), 300
     last = np.degrees([readings(gyro, 200, seed)[-1] for seed in range(runs)]) - np.degrees(0.1)
     assert last.mean() == pytest.approx(0.5, abs=5 * 0.032 / sqrt(runs))
@@ -72,7 +72,7 @@ def test_gyro_bias_walk_does_not_change_the_white_noise():
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
 def test_wheel_speed_exceeds_ground_speed_only_on_the_mujoco_plant(plant):
-    """MuJoCo: the loaded tyre rolls on less than its free radius, and slips a little to overcome its resistance."""
+    """The rolling radius of a loaded tyre is below its free radius, and rolling resistance causes a little slip."""
     loop = Loop(load_scenario("straight_line", {"plant.kind": plant}))
     assert loop.truth.wheel_speed == pytest.approx(0.0, abs=1e-3)
     for _ in range(200):
@@ -106,7 +106,7 @@ def test_ground_dependent_radar_error_is_correlated_in_time(lag):
 
 
 def test_body_fixed_gyro_measures_the_rate_about_the_body_axis():
-    """On a side slope of 15 deg it turns about the slope's normal, of which the vertical sees the cosine."""
+    """On a side slope of 15 deg, the rate about the vertical is the rate about the normal times cos(15 deg)."""
     perfect = {"enabled": True, "sigma_deg_s": 0.0, "bias_walk_deg_s_rt_s": 0.0}
     changes = {"terrain.kind": "slope", "terrain.grade_deg": 15, "controller.kind": "open_loop"}
     changes |= {"controller.steer_deg": 20, "controller.at_s": 0.0}

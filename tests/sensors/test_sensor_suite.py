@@ -1,4 +1,4 @@
-"""The suite: every sensor keeps one protocol, and a new one is its class and a field."""
+"""Sensor suite: all sensors have one protocol, and a new sensor needs only a class and a field."""
 
 import json
 from math import nan
@@ -33,13 +33,13 @@ def truth(k):
 
 
 class Bearing(NamedTuple):
-    """Reading of the compass."""
+    """Measurement of the compass."""
 
     yaw: float
 
 
 class Compass(Sensor):
-    """GNSS compass, as a newcomer would write it."""
+    """GNSS compass, an example of a new sensor."""
 
     sigma_rad: float = 0.003
 
@@ -59,13 +59,13 @@ class Compass(Sensor):
 
 
 class WithCompass(Sensors):
-    """The tractor's sensors and one more."""
+    """Sensors of the tractor with an additional compass."""
 
     compass: Compass = Compass()
 
 
 def drive(sensors, ticks=40, conditions=NOMINAL, seed=1):
-    """State and measurement of each tick."""
+    """Return state and measurement of each tick."""
     state, found = sensors.init(seed), []
     for k in range(ticks):
         state, measurement = sensors.measure(state, truth(k), conditions, DT)
@@ -119,7 +119,7 @@ EVERYTHING = {
 
 @pytest.mark.parametrize("name", EVERYTHING)
 def test_enabling_a_sensor_does_not_change_the_noise_of_others(name):
-    """Each sensor that can be switched on, and the second antenna and a canopy elsewhere, against a tractor without."""
+    """Each optional sensor, the second antenna and a distant canopy are compared with a tractor without them."""
     bare, more = Sensors(), Sensors.model_validate_json(json.dumps({name: EVERYTHING[name]}))
     for (_, with_it), (_, without) in zip(drive(more), drive(bare), strict=True):
         for other in bare.all:
@@ -138,7 +138,7 @@ class ExactGyro(Gyro):
 
 
 def test_sensor_of_the_suite_can_be_replaced_by_a_subclass():
-    """Its `measure` is called, and the noise of the other sensors stays the same."""
+    """The method `measure` of the subclass is called, and the noise of other sensors does not change."""
     (_, exact), (_, noisy) = (drive(Sensors(gyro=kind(enabled=True)))[-1] for kind in (ExactGyro, Gyro))
     assert exact.gyro == exact.readings["gyro"] == 0.1 != noisy.gyro
     assert exact.fix == noisy.fix

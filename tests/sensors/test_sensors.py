@@ -15,7 +15,7 @@ PERFECT = Gnss(sigma_m=0.0, float_sigma_m=0.0, velocity_sigma_m_s=0.0)
 
 
 def truth(t=0.0, x=10.0, y=-5.0, steer=0.1, pedal=0.5, yaw_rate=0.0, n=25):
-    """A tractor whose CG lies elsewhere than its antenna."""
+    """Return the true state of a tractor whose CG is not at the antenna."""
     return Truth(
         *(t, x - 1.0, y - 1.0, 0.5, 0.3, 0.0, 0.0, 1.2, 0.0, yaw_rate, steer, pedal, x + 0.3, y + 0.3),
         antenna=(x, y, 2.0),
@@ -96,7 +96,7 @@ def test_potentiometer_works_for_any_number_of_physics_steps(n):
 
 @pytest.mark.parametrize("n", [25, 50, 100])
 def test_potentiometer_measurement_of_a_ramp_is_its_mean_over_the_tick(n):
-    """To a hundredth of the change: samples end at the tick, and hold before the first physics step."""
+    """Accuracy is 1 % of the change: samples end at the tick, and are held before the first physics step."""
     pot = Potentiometer(noise_sigma_deg=0.0, resolution_deg=1e-6)
     ramp = 0.2 + 0.1 * np.arange(1, n + 1) / n
     assert pot.read(ramp, stream(0, "pot")) == pytest.approx(0.25, abs=0.1 / 100)
@@ -124,13 +124,13 @@ def errors(gnss, ticks, quality=Quality.FIX):
 
 
 def covariances(error, lags):
-    """Sample autocovariance about the known mean of zero."""
+    """Return the sample autocovariance about the known mean of zero, by lag."""
     n = len(error)
     return np.array([error[: n - lag] @ error[lag:] / (n - lag) for lag in lags])
 
 
 def tolerance(gamma, lag, n):
-    """Five sigma of the sample autocovariance of Gaussian series with covariance `gamma(lag)` [Bartlett]."""
+    """Return five sigma of the sample autocovariance of Gaussian series with covariance `gamma(lag)` [Bartlett]."""
     j = np.arange(-n // 4, n // 4 + 1)
     return 5 * sqrt((gamma(j) ** 2 + gamma(j + lag) * gamma(j - lag)).sum() / n)
 
@@ -155,7 +155,7 @@ def test_velocity_error_is_white_noise_with_the_configured_sigma():
     assert abs(np.corrcoef(error[1:, 0], error[:-1, 0])[0, 1]) < 5 / sqrt(n)
 
 
-def test_float_solution_has_its_own_position_sigma():
+def test_float_solution_has_a_separate_position_sigma():
     n, gnss = 2000, Gnss(float_correlated_fraction=0.0)
     error = errors(gnss, n, Quality.FLOAT)[:, :2]
     assert np.allclose(error.std(axis=0), gnss.float_sigma_m, rtol=5 / sqrt(2 * n))

@@ -1,4 +1,4 @@
-"""A step completes or does not happen; copies of a simulation are independent of it."""
+"""Interrupted steps are completed or undone; copies of a simulation are independent."""
 
 import copy
 import gc
@@ -44,7 +44,7 @@ def begun(case, ticks=11):
 
 
 def driven(sim):
-    """All that the log holds once the run has ended."""
+    """Run a simulation to its end, and return the rows and poses of its log."""
     while not sim.done:
         sim.step()
     log = sim.log()
@@ -209,7 +209,7 @@ def test_mujoco_error_raises_an_exception_and_keeps_the_process_alive(in_a_threa
 
 @pytest.mark.usefixtures("interruptible")
 def test_step_interrupted_while_the_plant_advances_is_completed(monkeypatch):
-    """Interrupts while the plant advances, which is compiled code, in every third step."""
+    """Interrupts occur in every third step while the plant advances in compiled code."""
     sim, advance, count = begun("mujoco", 0), MujocoPlant.advanced, [0]
 
     def hit(*arguments):
@@ -241,7 +241,7 @@ def test_interrupts_end_a_run_only_between_ticks(monkeypatch):
         return advance(*arguments)
 
     class Seen:
-        """Follows a run."""
+        """Observer of a run."""
 
         rows, error = None, None
 

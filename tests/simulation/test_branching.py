@@ -1,4 +1,4 @@
-"""Runs that share a past: bit-identical before a branch, with different noise after it, and repeatable."""
+"""Runs with a common past: bit-identical before a branch, with different noise after the branch, and repeatable."""
 
 import json
 
@@ -73,7 +73,7 @@ def test_recently_used_states_are_cached_up_to_a_maximum_size(monkeypatch):
 
 
 def test_branch_reseeds_every_random_generator():
-    """The first numbers of all streams of sensors and faults differ from the old ones and from each other."""
+    """The first random numbers of all sensors and faults differ from the previous ones and from each other."""
     sim = Simulation(scenario("mujoco").changed({**SENSORS, "fault": FAULTS}))
     sim.reset()
     for _ in range(5):

@@ -1,6 +1,6 @@
-"""The row of a tick: every column has the value, the sign, the axis and the unit that its description says.
+"""Log row of a tick: value, sign, axis and unit of every column agree with its description.
 
-The messages below hold a number of their own in each field, so that no two columns can be exchanged unnoticed.
+Each field of the messages below has a unique number, so that exchanged columns are detected.
 """
 
 from math import isnan, nan, pi, radians
@@ -75,7 +75,7 @@ EXPECTED = {
     # the reference, which heads north, lies 2 m west and 3 m north of the CG: 3 m ahead, 2 m to the left
     **{"e_longitudinal": 3.0, "e_lateral": 2.0},
 }
-"""Values of columns, SI, written by hand from the messages above."""
+"""Expected values of columns in SI units, computed by hand from the messages above."""
 
 
 def logged(tick=TICK):
@@ -123,13 +123,13 @@ def test_saturated_steering_command_is_flagged_in_the_log():
     assert logged(TICK._replace(saturated=True))["steer_saturated"] == 1.0
 
 
-def test_bias_and_pressure_and_torque_are_nan_in_the_log_if_unavailable():
+def test_unavailable_bias_pressure_and_torque_are_logged_as_nan():
     found = logged(TICK._replace(estimate=ESTIMATE._replace(steer_bias=nan), actuation=(1e-5, nan, nan)))
     assert all(isnan(found[name]) for name in ("steer_bias_hat", "steer_pressure", "drive_torque"))
 
 
 def test_column_units_match_the_quantities():
-    """By their names: what is a pressure is in pascal, an angle in radians, a rate per second."""
+    """Units follow from the names: pressures are in pascal, angles in radians, and rates per second."""
     units = {signal.column.name: signal.column.unit for signal in SIGNALS}
     units |= {column.name: column.unit for column in WHEEL_SIGNALS}
     assert units["steer_pressure"] == "Pa"

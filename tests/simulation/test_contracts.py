@@ -1,4 +1,4 @@
-"""Plugin kinds with invalid return values: the error names the kind and the expected type."""
+"""Plugins with invalid return values: the error names the kind and the expected type."""
 
 from math import inf, nan
 from typing import Literal

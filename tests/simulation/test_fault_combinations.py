@@ -1,4 +1,4 @@
-"""Whatever fails, the tractor completes its way or stops near it: random combinations of faults."""
+"""Random combinations of faults: the tractor completes its path or stops near the path."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ ESTIMATOR = {
 
 
 def combination(number):
-    """Two to four faults of different kinds with random windows."""
+    """Return two to four faults of different kinds with random windows."""
     rng = np.random.default_rng(number)
     chosen = rng.choice(sorted(FAULTS), size=rng.integers(2, 5), replace=False)
     return [
@@ -38,7 +38,7 @@ def combination(number):
 
 
 def outcome_of(number):
-    """The run of a combination, and the largest distance from the path that it may have."""
+    """Return the run of a combination, its maximum distance from the path, and the permitted distance [m]."""
     keys = {"duration_s": 90.0, "seed": number, "fault": combination(number), "supervisor.enabled": True, **ESTIMATOR}
     log = run(load_scenario("figure_eight", keys))
     c = log.column

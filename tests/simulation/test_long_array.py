@@ -1,4 +1,4 @@
-"""Long logs lie in a file, and nobody sees a difference."""
+"""Storage of long logs in a file, with unchanged results."""
 
 import errno
 import os
@@ -21,7 +21,7 @@ SCENARIO = ("circle", {"plant.kind": "bicycle", "duration_s": 6.0})
 
 @pytest.fixture
 def small(monkeypatch):
-    """Room for 24 rows at a time, and a table in pieces of 50 rows."""
+    """Set the block size to 24 rows, and that of written tables to 50 rows."""
     monkeypatch.setattr(long_array, "PIECE", 24)
     monkeypatch.setattr(logs, "PIECE", 50)
 
@@ -56,7 +56,7 @@ def test_run_stored_in_blocks_gives_the_same_log_and_files(small, tmp_path, monk
 
 
 def test_run_of_one_block_writes_the_same_file_as_the_complete_table(tmp_path):
-    """The bytes of files of one block do not depend on the writing method."""
+    """Files with one block are bit-identical for both writing methods."""
     log = run(load_scenario(*SCENARIO))
     write_log(log, tmp_path)
     pq.write_table(log.signals, tmp_path / "whole.parquet", compression="zstd", use_dictionary=False)
@@ -82,7 +82,7 @@ def test_saved_states_of_a_run_stored_in_blocks_can_be_restored(small):
 
 @pytest.fixture
 def full_disk(monkeypatch, tmp_path):
-    """A folder of temporary files that takes 48 rows of each column, and nothing more."""
+    """Limit the folder of temporary files to 48 rows per column."""
 
     def fallocate(file, offset, length):
         rows = 120
@@ -116,7 +116,7 @@ def test_log_is_kept_in_memory_without_loss_above_a_file_size_limit(small, tmp_p
     assert log.signals.equals(run(load_scenario(*SCENARIO)).signals)
 
 
-def test_error_for_full_disk_and_memory_names_the_folder_and_a_remedy(small, full_disk, monkeypatch, tmp_path):
+def test_error_for_full_disk_or_memory_names_the_folder_and_a_remedy(small, full_disk, monkeypatch, tmp_path):
     monkeypatch.setattr(long_array, "MOST_BYTES", 0)
     with pytest.raises(OSError, match=r"No space left on device.*TMPDIR") as told:
         run(load_scenario(*SCENARIO))
@@ -124,7 +124,7 @@ def test_error_for_full_disk_and_memory_names_the_folder_and_a_remedy(small, ful
 
 
 def test_long_log_is_stored_in_a_file_instead_of_memory():
-    """A day takes what an hour does: address space."""
+    """The log of a day needs only address space."""
     rows = logs.Rows(1_728_000, 24, 13)
     assert is_in_file(rows)
     assert rows.values.shape[0] == 1_728_000

@@ -1,4 +1,4 @@
-"""Memory of a long log, from its metrics to its files: that of a piece of it, however long it is."""
+"""Memory for metrics and files of a long log, which does not grow with its length."""
 
 import subprocess
 import sys
@@ -34,7 +34,7 @@ def log():
 
 @contextmanager
 def at_most(most):
-    """Check that allocations of Python and numpy in the block never exceed a number of bytes."""
+    """Check that Python and NumPy allocations in the block never exceed a number of bytes."""
     tracemalloc.start()
     try:
         yield
@@ -55,7 +55,7 @@ def test_recording_is_finished_by_reading_one_column_at_a_time(log):
 
 @pytest.mark.skipif(find_spec("pandas") is None, reason="pandas is not installed")
 def test_running_and_writing_a_log_does_not_import_pandas(tmp_path):
-    """It comes with the extra for studies, and pyarrow would import it: 46 MB."""
+    """The extra for studies contains pandas, which pyarrow would import with 46 MB."""
     text = """
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The loop: determinism, ends of a run, watchers, and a log that means what its columns say."""
+"""Simulation loop: determinism, ends of a run, observers, and columns of the log."""
 
 import ast
 from importlib import import_module
@@ -24,7 +24,7 @@ from agrobot_mj.tyres import Tyre
 
 PROMISED = """t x_ref y_ref x y yaw speed yaw_rate roll pitch x_hat y_hat yaw_hat speed_hat e_longitudinal e_lateral
 speed_ref yaw_rate_ref e_yaw_rate tau_c tau_n q steer_ref steer valve_voltage pedal gnss_quality""".split()
-"""The columns that the design names for every plant."""
+"""Columns that every plant must provide."""
 
 
 def kind(spec):
@@ -202,7 +202,7 @@ def test_every_controller_works_with_every_plant(plant, controller):
 
 @pytest.mark.parametrize("tyre", [kind(tyre) for tyre in every(Tyre)])
 def test_speed_settles_with_every_tyre_model(tyre):
-    """After a jump of the reference from rest: no limit cycle of the speed loop with tyres and oil."""
+    """After a step of the speed reference from rest, tyres and oil cause no limit cycle of the speed loop."""
     log = run(short("circle", 30.0, plant={"tyre": {"kind": tyre}}, path__ramp_s=0.0))
     speed = log.column("speed")[log.column("t") > 10]
     assert speed.mean() == pytest.approx(1.2, abs=0.05)
@@ -296,7 +296,7 @@ def test_run_equals_a_sequence_of_calls_of_tick_and_advance():
 
 
 def decided(change_truth=None, change_estimate=None, change_measured=None):
-    """Voltages and pedal reference of a tick two seconds into a bend, with changed messages."""
+    """Return voltages and pedal reference of a tick two seconds into a bend, with changed messages."""
     loop = Loop(short("circle", 4.0, plant__kind="bicycle"))
     for _ in range(40):
         loop.advance(loop.tick().drive)

@@ -1,4 +1,4 @@
-"""GNSS antenna off the rear axle: motion on both plants, and fixes moved to the axle by the on-board computer."""
+"""GNSS antenna away from the rear axle: its motion on both plants, and fixes converted to the axle."""
 
 import numpy as np
 import pytest
@@ -59,7 +59,7 @@ def test_delayed_fix_is_transferred_to_the_axle_of_a_turning_tractor(late):
 
 
 def estimate_error(result):
-    """Mean lateral and longitudinal error of the estimated rear axle after 5 s, estimated minus true [m]."""
+    """Return the mean lateral and longitudinal errors (estimated minus true) of the rear axle after 5 s [m]."""
     c = result.column
     turned = np.exp(-1j * c("yaw")) * (c("rear_x_hat") - c("rear_x") + 1j * (c("rear_y_hat") - c("rear_y")))
     mean = turned[c("t") > 5.0].mean()

@@ -1,4 +1,4 @@
-"""A number that is not finite ends the run where it comes from, by name; a bad reading counts as missing."""
+"""Non-finite numbers: the run ends with an error that names the source; invalid measurements count as missing."""
 
 import json
 from math import copysign, inf, nan
@@ -45,7 +45,7 @@ class NanSteer(YawController):
 
 
 def spoiled(monkeypatch, owner, method, change, at=10):
-    """Call `change` on what a method returns in its tick `at`."""
+    """Change the result of a method by the function `change` in tick `at`."""
     whole, calls = getattr(owner, method), []
 
     def wrapped(*arguments, **options):
@@ -57,7 +57,7 @@ def spoiled(monkeypatch, owner, method, change, at=10):
 
 
 def second(**fields):
-    """Change the second of two outputs."""
+    """Return a function that changes the second of two outputs."""
     return lambda found: (found[0], found[1]._replace(**fields))
 
 
@@ -128,7 +128,7 @@ def test_error_names_the_law_that_commands_an_impossible_steering_angle(monkeypa
 
 @pytest.mark.parametrize("angle", [0.8, 1.2, -1.57])
 def test_steering_angle_above_the_limit_is_clipped(monkeypatch, angle):
-    """For one tick: the derivative of the steering loop would remember a larger one for seconds."""
+    """The angle exceeds the limit for one tick. The derivative of the steering loop would remember it for seconds."""
     scenario = load_scenario("figure_eight", {**SHORT, "guidance.kind": "lqr"})
     law, limit = type(scenario.guidance), scenario.tractor.steer_limit
     logs = []
@@ -160,7 +160,7 @@ def test_guidance_law_cannot_modify_the_covariance_of_the_estimate(monkeypatch):
 
 
 def test_error_names_the_plugin_controller_with_a_non_finite_command(tmp_path):
-    """In a process of its own, since a registration lasts as long as the process."""
+    """The test needs a separate process, because a registration lasts until the end of a process."""
     (tmp_path / "nan_steer.py").write_text(PLUGIN, encoding="utf-8")
     sets = [*(f"{key}={value}".lower() for key, value in SHORT.items()), "controller.kind=nan_steer"]
     arguments = ["run", "figure_eight", "--plugin", "nan_steer.py", "--no-rrd", "--quiet", "--out", "out"]
@@ -268,7 +268,7 @@ def test_error_names_a_numerically_singular_filter():
 
 
 class Inner(NamedTuple):
-    """A part of a `Sample`."""
+    """Nested message in a `Sample`."""
 
     gain: float = 1.0
     word: str = "east"

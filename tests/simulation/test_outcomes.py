@@ -1,4 +1,4 @@
-"""Outcomes of runs: each outcome in a separate run, and cases that must not be classified as one."""
+"""Outcomes of runs, each in a separate run, and similar cases with other outcomes."""
 
 from types import SimpleNamespace
 
@@ -25,7 +25,7 @@ def ends(seconds=40.0, source="straight_line", **overrides):
 
 
 def field(kind="flat", **patch):
-    """Ground with a patch of 20 m that begins 10 m ahead."""
+    """Return a terrain with a patch of 20 m length that begins 10 m ahead."""
     return {"kind": kind, "patch": [{"kind": "rectangle", "x_m": 20.0, "length_m": 20.0, **patch}]}
 
 
@@ -71,7 +71,7 @@ def test_slow_or_waiting_tractors_are_not_stuck(overrides):
 
 
 def watched(truths):
-    """Outcomes that a watch of a sound plant sees, tick by tick."""
+    """Return the outcome detected in each tick for true states of an intact plant."""
     plant = SimpleNamespace(trouble=lambda: None)
     watch = Watch(plant)
     return [watch.trouble(truth, 0.0) for truth in truths]
@@ -122,7 +122,7 @@ def test_stuck_detection_ignores_distance_while_not_following_the_path():
 
 
 def slowed(monkeypatch, factor):
-    """Let the kinematic law command this fraction of its speed."""
+    """Let the kinematic law command a fraction of its speed."""
     update = Cascade.update
 
     def changed(law, state, situation, dt):
@@ -263,7 +263,7 @@ def test_abort_after_the_end_of_a_run_has_no_effect():
 
 @pytest.mark.parametrize("settle_s", [0.0, 3.0])
 def test_tractor_on_a_side_slope_of_37_degrees_rolls_over(settle_s):
-    """A rollover during settling gives a run of one row."""
+    """If the tractor rolls over while settling, the log has one row."""
     log = ends(20.0, terrain={"kind": "slope", "grade_deg": 37.0, "direction_deg": 90.0}, plant={"settle_s": settle_s})
     assert log.outcome == "rolled_over"
     assert log.column("t")[-1] < 10
@@ -288,7 +288,7 @@ def test_bump_below_upper_wheels_causes_rollover_on_a_safe_slope(height, outcome
     assert plant.warnings() == 0
 
 
-def test_run_ends_as_diverged_above_a_distance_from_the_reference():
+def test_run_too_far_from_the_reference_ends_as_diverged():
     plant, truth = SimpleNamespace(trouble=lambda: None), still(0.0)
     watch = Watch(plant)
     assert watch.trouble(truth, LOST_M - 1e-6) is None

@@ -1,4 +1,4 @@
-"""The kernels are plain Python underneath: uncompiled they compute the same run, on every ground, load and stack."""
+"""Compiled kernels give the same run as plain Python, for every ground, load and control component."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Progress in a pipe: a line for each run that ends, with the time left, and none for what is done at once."""
+"""Progress lines in a pipe: one line for each completed run with the remaining time, and none for fast commands."""
 
 import time
 
@@ -14,7 +14,7 @@ from agrobot_mj.simulation.run import run
 
 @pytest.fixture
 def clock(monkeypatch):
-    """Seconds that a test sets."""
+    """Return the clock time as a list with one value, which a test can set [s]."""
     now = [100.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
     return now

@@ -1,4 +1,4 @@
-"""Failures of the campaign of docs/safety.md, some of them by default and all of them among the slow tests."""
+"""Failures of the campaign in docs/safety.md: some by default, and all in the slow tests."""
 
 import pytest
 
@@ -29,11 +29,11 @@ QUICK = (
     {"kind": "pedal_pot_scale"},
     {"kind": "valve_scale"},
 )
-"""Failures that were missed or late before there was evidence beside the estimate, whatever quality a fix claims."""
+"""Failures whose detection needs measurements that are independent of the estimate and of the reported fix quality."""
 
 
 def judged(fault, **more):
-    """`safety` of the run with this failure, after the bars."""
+    """Return the metrics of the run with a failure, after a check of the safety limits."""
     keys = {"guidance.kind": "lqr", "fault": [{"start_s": 10.0, **fault}], "duration_s": 60.0, "path.turns": 1, **more}
     found = run(FAULTS.base.changed(keys)).metrics
     assert found["safety"]["overspeed"] < 1.5

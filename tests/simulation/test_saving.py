@@ -1,4 +1,4 @@
-"""Saving and restoring: what follows a restored state equals what followed it the first time, to the last bit."""
+"""Saved and restored simulations: the continuation of a restored state is bit-identical to the first one."""
 
 import pickle
 from typing import Any, Literal
@@ -64,7 +64,7 @@ def drive(sim: Simulation, ticks: int, by_hand: bool = False) -> None:
 
 
 def record(sim: Simulation) -> tuple[bytes, bytes, str, str]:
-    """Every bit of the log, and how the run ended."""
+    """Return the bytes of the log, and outcome and reason of the end of the run."""
     rows = sim.rows
     return rows.values[: rows.filled].tobytes(), rows.poses[: rows.filled].tobytes(), sim.outcome, sim.reason
 
@@ -218,16 +218,16 @@ def test_restoring_the_state_of_another_scenario_is_rejected():
 
 
 class Scribbler(GuidanceLaw):
-    """A law that writes into its own state, and draws random numbers."""
+    """Guidance law that modifies its own state and draws random numbers."""
 
     kind: Literal["scribbler"] = "scribbler"
 
     def init(self) -> Any:
-        """A list, an array and a generator."""
+        """Return a state with a list, an array and a random generator."""
         return {"steps": [], "sum": np.zeros(2), "generator": stream(1, "scribbler")}
 
     def update(self, state: Any, situation: Situation, dt: float) -> tuple[Any, Command]:
-        """Steer by a value that the law itself has stored."""
+        """Steer by values that the law has stored in its state."""
         state["steps"].append(situation.t)
         state["sum"] += state["generator"].standard_normal(2)
         return state, Command(0.01 * float(state["sum"][0]) + 0.001 * len(state["steps"]), 1.0)

@@ -1,4 +1,4 @@
-"""Runs that start with a lateral offset: plant and estimator start there; errors are relative to the path."""
+"""Runs with an initial lateral offset: plant and estimator start there, and errors refer to the path."""
 
 from math import degrees, hypot
 
@@ -13,7 +13,7 @@ BESIDE = {"path.start_offset_m": 0.8, "path.start_heading_deg": -15.0}
 
 
 UNIT = {"sensors.imu.enabled": True, "sensors.imu.wander_sigma_deg": 0.0, "estimator.terrain_compensation": True}
-"""Inertial unit by which an estimator accounts for the roll of the antenna on a slope."""
+"""Keys of an inertial unit, with which the estimator corrects the antenna tilt on a slope."""
 
 
 @pytest.mark.parametrize(

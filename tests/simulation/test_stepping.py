@@ -1,4 +1,4 @@
-"""Stepping from outside: the same run as `run`, commands in their units, messages for what cannot be."""
+"""Simulation by single steps: equality with `run`, units of commands, and messages for invalid arguments."""
 
 from math import atan, inf, nan, radians
 

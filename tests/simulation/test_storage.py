@@ -1,4 +1,4 @@
-"""Files appear whole or not at all."""
+"""Files are written completely or not at all."""
 
 import json
 import stat
@@ -58,7 +58,7 @@ def test_log_is_written_to_three_files(tmp_path):
 
 
 def test_metrics_of_any_run_are_valid_json(tmp_path):
-    """This includes a run of a single tick."""
+    """Cases include a run of a single tick."""
     for plant in ("bicycle", "mujoco"):
         log = run(load_scenario("straight_line", {"duration_s": 0.05, "plant.kind": plant}))
         write_log(log, tmp_path)

@@ -1,4 +1,4 @@
-"""A comparison follows its options, rejects unsupported runs and shows every law."""
+"""Comparisons: effect of options, rejection of unsupported runs, and results of every law."""
 
 import json
 

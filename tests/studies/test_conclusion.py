@@ -1,4 +1,4 @@
-"""Conclusion of a comparison: the best law of each plant, where every seed agrees and every run has an error."""
+"""Conclusion of a comparison: the best law on each plant, if all seeds agree and all runs have an error."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from agrobot_mj.studies.compare import conclusion
 
 
 def row(plant, law, seed, mse, **changed):
-    """Return the part of a row of comparison.json that the conclusion reads."""
+    """Return the keys of a row of comparison.json that determine the conclusion."""
     end = {"outcome": "completed", "expected": True, "piece": 0, "lateral_mse": mse}
     return {"plant": plant, "folder": f"{plant}-{law}-s{seed}", "seed": seed, **end, **changed}
 
@@ -25,7 +25,7 @@ def test_conclusion_names_the_best_law_of_each_plant():
     ]
 
 
-def test_conclusion_names_no_law_that_is_not_best_for_every_seed():
+def test_conclusion_is_empty_if_no_law_is_best_for_every_seed():
     rows = [
         row("mujoco", "pd", 1, 0.4),
         row("mujoco", "pd", 2, 0.1),

@@ -1,4 +1,4 @@
-"""Remarks on rankings: a dominant estimator part, and estimates that contradict their covariance."""
+"""Remarks on rankings: dominant estimator errors, and estimates inconsistent with their covariance."""
 
 import pyarrow as pa
 import pyarrow.parquet as pq

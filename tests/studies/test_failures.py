@@ -1,4 +1,4 @@
-"""Failed runs have no error metrics in any study: laws that stand still, stop early or drive, with each command."""
+"""Failed runs have no error metrics in any study: laws that stand still, stop early or move, with each command."""
 
 import json
 import re
@@ -22,7 +22,7 @@ def compared(call, plugin, *more):
     return call("compare", "lane_change", *laws, *AWAY, "--no-rrd", "--out", "out", *more)
 
 
-def test_laws_that_drive_rank_above_a_law_that_stands_still(call, plugin, tmp_path):
+def test_moving_laws_rank_above_a_stationary_law(call, plugin, tmp_path):
     status, out, err = compared(call, plugin, "--seeds", 2)
     still = plugin[1]
     assert status == 1
@@ -55,7 +55,7 @@ def test_laws_that_drive_rank_above_a_law_that_stands_still(call, plugin, tmp_pa
 
 
 def test_run_stopped_by_the_supervisor_is_not_ranked_best(call, tmp_path):
-    """In the first metre of a lane change nothing is off the path."""
+    """In the first metre of a lane change, the cross-track error of every law is small."""
     variants = ("--variant", "free: title=free", "--variant", "tight: supervisor.max_cross_track_m=0.02")
     laws = ("--guidance", "lqr", *variants, "--plants", "bicycle")
     status, out, _ = call("compare", "lane_change", *AWAY, *laws, "--no-rrd", "--out", "out")

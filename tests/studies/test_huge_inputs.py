@@ -1,4 +1,4 @@
-"""Input of absurd size is refused by its size, at once, in a message that a terminal holds."""
+"""Inputs of excessive size are rejected immediately, with a short message."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from agrobot_mj.studies.sweep.runner import SweepOptions, sweep
 
 
 def refused(tmp_path, content, name="huge.toml", **options):
-    """The message for a sweep file."""
+    """Return the error message for a sweep file."""
     (tmp_path / name).write_text(content, encoding="utf-8")
     with pytest.raises(ScenarioError) as error:
         sweep(tmp_path / name, tmp_path / "out", SweepOptions(quiet=True, jobs=1, **options))

@@ -36,7 +36,7 @@ class Bent(GuidanceLaw):
 
 @pytest.fixture
 def driven(monkeypatch):
-    """Seeds of the runs driven so far."""
+    """Return a list of the seeds of all runs simulated so far."""
     real, seen = tasks.run, []
 
     def run(scenario, *watchers, branches=None):
@@ -48,18 +48,18 @@ def driven(monkeypatch):
 
 
 def written(folder, **files):
-    """Write text files in a folder; `_` stands for the dot in their names."""
+    """Write text files to a folder; `_` stands for the dot in their names."""
     for name, text in files.items():
         (folder / name.replace("_", ".")).write_text(text)
 
 
 def errors(folder, name="comparison.json"):
-    """Cross-track errors of the rows of a comparison."""
+    """Return the cross-track errors in the rows of a comparison."""
     return [row["xte_rms"] for row in json.loads((folder / name).read_text())]
 
 
 def body(mass):
-    """The example of a body with a chassis of this mass [kg]."""
+    """Return the example body with a given mass of the chassis [kg]."""
     return (EXAMPLES / "own_body.xml").read_text().replace('mass="590.5"', f'mass="{mass}"')
 
 
@@ -163,7 +163,7 @@ def test_sweep_runs_that_ended_with_an_error_are_repeated(call, monkeypatch, tmp
 
 @pytest.fixture
 def other_numba(monkeypatch):
-    """Call it, and numba has another version."""
+    """Return a function that changes the reported version of Numba."""
     real = identities._version
 
     def change():
@@ -187,7 +187,7 @@ def test_results_of_other_library_versions_are_repeated_not_merged(call, driven,
     assert (status, err.splitlines()[0]) == (
         2,
         "b: the folder belongs to another sweep: different libraries; "
-        "repeat this sweep in the folder, or omit the folder",
+        "run the same sweep in all folders, or omit this folder",
     )
     assert not (tmp_path / "whole" / "sweep.parquet").exists()
     rows = pq.read_table(tmp_path / "b" / "sweep.parquet").to_pylist()
@@ -218,7 +218,7 @@ def test_runs_whose_table_rows_have_no_identity_are_repeated(call, driven, tmp_p
 
 @pytest.mark.parametrize("edited", ["plug.py", "helping.py", "parts/law.py"])
 def test_sweep_run_is_repeated_after_editing_a_plugin(tmp_path, edited):
-    """A plugin file, a module that it imports, and an installed package: in processes of their own."""
+    """Edited are a plugin file, a module that it imports, and an installed package, in separate processes."""
     package = tmp_path / "site" / "parts"
     package.mkdir(parents=True)
     dist = tmp_path / "site" / "parts-1.dist-info"

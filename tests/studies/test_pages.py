@@ -1,4 +1,4 @@
-"""Reports: one file that works offline for each kind of results, no empty chart, commands that run a point again."""
+"""Report pages: one offline file for each kind of results, without empty charts, and with commands for each point."""
 
 import json
 import os
@@ -51,7 +51,7 @@ set = { "guidance.kind" = "stanley", "expected_outcome" = "stuck" }
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
-    """A folder of results of every kind, with its report."""
+    """Return results folders of every kind, with their reports."""
     top = tmp_path_factory.mktemp("results")
     (top / "mine.toml").write_text(SWEEP, encoding="utf-8")
     sweep(top / "mine.toml", top / "sweep", SweepOptions(jobs=1, quiet=True))
@@ -92,7 +92,7 @@ def test_user_defined_texts_are_escaped_in_the_report(folders):
 
 
 def test_names_in_a_report_cannot_inject_script_tags(tmp_path):
-    """`<!--<script>` in a script keeps it from being closed, so that no chart appears."""
+    """The text `<!--<script>` in a script would prevent its end tag, so that no chart appears."""
     name = "<!--<script></script>"
     page = Document(name, [name])
     page.grid([(name, {"data": [{"name": name}], "layout": {}})])
@@ -169,7 +169,7 @@ PROBLEMS = """() => [...document.querySelectorAll('.chart')].flatMap(chart => {
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_report_renders_in_a_browser_without_errors(folders, kind):
-    """At the widths of a desk and of a phone; AGROBOT_CHROMIUM may name a browser of one's own."""
+    """Page widths are those of a desktop and of a phone. AGROBOT_CHROMIUM may name another browser."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     said = []
     with playwright.sync_playwright() as p:
@@ -199,7 +199,7 @@ def test_commands_shown_in_a_report_wrap_only_between_options(folders):
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7, 3.0])
 def test_map_in_the_report_enlarges_only_cross_track_errors(yaw):
-    """10 cm left of a line of 100 m and 3 m behind, on any heading; at its end the reference stands."""
+    """The tractor is 10 cm left of a line of 100 m and 3 m behind the reference, which stops at the end."""
     s = np.minimum(np.arange(120.0), 100.0)
     forward, left = np.array([np.cos(yaw), np.sin(yaw)]), np.array([-np.sin(yaw), np.cos(yaw)])
     reference = s[:, None] * forward
@@ -218,7 +218,7 @@ def test_map_in_the_report_enlarges_only_cross_track_errors(yaw):
     assert "larger" not in str(map_of({"lost": lost})[1])
 
 
-def test_law_with_only_failures_has_a_success_rate_but_no_error_box():
+def test_law_with_only_failures_has_a_success_rate_but_no_box_plot():
     rows = [{"expected": False, "xte_rms": None}, {"expected": False, "xte_rms": 0.1}]
     left, right = ranking([Group("lqr", rows), Group("stanley", rows)]).axes
     assert [label.get_text() for label in left.get_yticklabels()] == ["lqr", "stanley"]
@@ -226,7 +226,7 @@ def test_law_with_only_failures_has_a_success_rate_but_no_error_box():
 
 
 def test_report_and_printed_figure_have_the_same_quartiles():
-    """Eight values, at which plotly.js and numpy would differ."""
+    """For eight values, the default quartiles of plotly.js and NumPy differ."""
     rows = [{"expected": True, "outcome": "completed", "xte_rms": k**2 / 100} for k in range(8)]
     drawn, lines = box(Group("lqr", rows), "#000000"), ranking([Group("lqr", rows)]).axes[1].lines
     assert (drawn["q1"], drawn["median"], drawn["q3"]) == ([3.25], [12.5], [27.75])
@@ -257,7 +257,7 @@ def test_downsampled_curve_keeps_spikes_and_gaps():
 
 
 def test_curve_of_a_sampled_parameter_shows_means_of_groups_of_runs():
-    """Single runs at a drawn value differ by all else, too: a line through each would be a zigzag."""
+    """Single runs also differ in other sampled parameters, so a line through them would be irregular."""
     rows = [
         {"v": 3 * k % 11, "w": k % 2, "outcome": "completed", "expected": True, "xte_rms": 0.01 * (k % 2)}
         for k in range(11)

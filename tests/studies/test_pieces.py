@@ -1,4 +1,4 @@
-"""Pieces of path: equal whatever the speed, different where another length or another path is covered."""
+"""Path sections of runs: equal for any speed, and different for another length or another path."""
 
 from agrobot_mj import load_scenario
 from agrobot_mj.studies.pieces import at_speed, pieces
@@ -15,5 +15,5 @@ def test_driven_path_section_depends_on_speed_only_for_fixed_durations():
     assert pieces([*whole, *timed]) == [1, 1, 1, 2, 3, 2]
 
 
-def test_runs_on_different_paths_have_different_path_sections():
+def test_runs_on_different_paths_have_different_path_section_numbers():
     assert pieces([of(), of(path__radius_m=11.0), of(path__kind="circle"), of()]) == [1, 2, 3, 1]

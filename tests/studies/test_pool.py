@@ -1,4 +1,4 @@
-"""The pool of worker processes."""
+"""Pool of worker processes."""
 
 import errno
 import multiprocessing.synchronize
@@ -17,7 +17,7 @@ from agrobot_mj.studies.engine import workers as pool
 
 @pytest.mark.usefixtures("interruptible")
 def test_ctrl_c_does_not_interrupt_the_start_of_a_worker():
-    """Workers start within `submit`; one that finds half a message prints a traceback."""
+    """Workers start in `submit`; a worker that receives an incomplete message prints a traceback."""
     told = []
 
     def submit(function, work):
@@ -33,7 +33,7 @@ def test_ctrl_c_does_not_interrupt_the_start_of_a_worker():
 
 
 def test_failure_to_start_workers_is_not_attributed_to_a_run(monkeypatch):
-    """As below a program on standard input, which workers cannot import: each died on whatever it was given."""
+    """Workers cannot import a program on standard input, so each worker dies with any task."""
     monkeypatch.setattr(sys.modules["__main__"], "__spec__", None, raising=False)
     monkeypatch.setattr(sys.modules["__main__"], "__file__", "<stdin>", raising=False)
     with pool.Pool(2) as workers, pytest.raises(ScenarioError, match=r"no worker process can start .* __name__"):
@@ -50,7 +50,7 @@ def test_error_for_shared_memory_that_cannot_be_written_names_it(monkeypatch):
 
 
 def test_first_and_last_run_of_a_pool_start_together():
-    """They differ most, so that the workers of a comparison compile different kernels at the same time."""
+    """These runs differ most, so the workers of a comparison compile different kernels at the same time."""
     order = []
 
     def submit(function, work):

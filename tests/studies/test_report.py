@@ -1,4 +1,4 @@
-"""The figures exist, show what they should and survive lost runs; the table holds its numbers."""
+"""Figures and table of a report: content, missing runs, and correct numbers."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -25,7 +25,7 @@ CIRCLE = Circle(radius_m=5, speed_m_s=2)
 
 
 class RunLog:
-    """A tractor that stays `error` left of the path and ahead of the reference, with a noisy yaw rate."""
+    """Log of a tractor `error` to the left of the path and ahead of the reference, with a noisy yaw rate."""
 
     def __init__(self, path: Any, error: float, controller: str, end_s: float = np.inf) -> None:
         self.scenario = SimpleNamespace(path=path)
@@ -55,7 +55,7 @@ def runs(path: Any = CIRCLE, plants: tuple[str, ...] = ("bicycle", "mujoco")) ->
 
 
 def curves(figure: Figure) -> list[Any]:
-    """All curves of a figure but straight markers."""
+    """Return all curves of a figure except straight markers."""
     return [line for axes in figure.axes for line in axes.lines if len(line.get_xdata()) > 2]
 
 
@@ -230,7 +230,7 @@ def test_legend_of_the_table_explains_exactly_its_columns() -> None:
     assert [line.partition("  ")[0] for line in legend(text)] == cells(text)[0][3:]
 
 
-def test_each_seed_has_its_own_row_and_error_ratio() -> None:
+def test_each_seed_has_a_separate_row_and_error_ratio() -> None:
     runs_of = ((1, "pd", 1), (1, "x", 2), (2, "pd", 4), (2, "x", 2))
     lines = cells(table([row("mujoco", controller, mse, seed) for seed, controller, mse in runs_of]))[2:]
     assert [line[2] for line in lines] == ["1", "1", "2", "2"]

@@ -1,4 +1,4 @@
-"""Comparisons go on where they were broken off, and a run that raises is a row."""
+"""Interrupted comparisons are resumed, and a run with an error has a row."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""Confidence intervals against SciPy's tests and by hand."""
+"""Confidence intervals compared with SciPy's tests and with values computed by hand."""
 
 from math import inf, isnan
 

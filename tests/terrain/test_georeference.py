@@ -1,4 +1,4 @@
-"""Elevation models that keep their place on the map: ESRI grids and GeoTIFF."""
+"""Elevation models with map coordinates: ESRI grids and GeoTIFF."""
 
 import numpy as np
 import pytest
@@ -14,19 +14,19 @@ ROWS, COLUMNS = 5, 7
 
 
 def height(east, north):
-    """A plane over the map [m]."""
+    """Return the height of a plane at map coordinates [m]."""
     return 100.0 + 0.05 * (east - EAST) - 0.02 * (north - NORTH)
 
 
 def grid(first=0.5):
-    """Values of cells, north up, whose south-west corner lies at EAST, NORTH."""
+    """Return the heights of cells, first row north, for a south-west corner at EAST, NORTH."""
     x = EAST + CELL * (np.arange(COLUMNS) + first)
     y = NORTH + CELL * (np.arange(ROWS) + first)
     return height(x[None, :], y[::-1, None])
 
 
 def tiff(folder, values, model=1, raster=1, scale=(CELL, CELL), tags=True, nodata=None, tie=None):
-    """A GeoTIFF of 32-bit floats with its tie point at the north-west corner."""
+    """Write a GeoTIFF of 32-bit floats with its tie point at the north-west corner."""
     info = TiffImagePlugin.ImageFileDirectory_v2()
     types = {PIXEL_SCALE: 12, TIE_POINT: 12, GEO_KEYS: 3}
     written = {
@@ -52,7 +52,7 @@ def asc(folder, values, where="xllcorner 600000\nyllcorner 5000000"):
 
 
 def check(ground, origin):
-    """Assert that the ground has the heights of the map at points given relative to the origin."""
+    """Check that the ground has the heights of the map at points relative to the origin."""
     for east, north in ((EAST + 3.3, NORTH + 4.1), (EAST + 9.0, NORTH + 2.5)):
         found = height_and_gradient(ground, east - origin[0], north - origin[1])[0]
         assert found == pytest.approx(height(east, north), abs=1e-4)
@@ -91,7 +91,7 @@ def test_grid_without_an_origin_is_centred_at_zero(tmp_path):
         ({"scale": (1e-5, 1e-5)}, "if these are degrees"),
     ],
 )
-def test_unusable_geotiffs_are_rejected_with_a_remedy(tmp_path, keys, message):
+def test_error_for_an_unusable_geotiff_states_a_remedy(tmp_path, keys, message):
     values = grid() - grid()[0, 0]
     with pytest.raises(ScenarioError, match=f"terrain.file: dem.tif: .*{message}") as caught:
         load_scenario("straight_line", {"terrain": {"kind": "heightmap", "file": tiff(tmp_path, values, **keys)}})

@@ -1,4 +1,4 @@
-"""The height grid: exact on planes, bilinear between nodes, continuous across cells, flat beyond its border."""
+"""Height grid: exact on planes, bilinear between nodes, continuous across cells, and flat beyond its border."""
 
 from math import cos, hypot, radians, sin, tan
 
@@ -13,11 +13,11 @@ from agrobot_mj.terrain.grid import plane
 
 unhurried = settings(deadline=None)  # the first call compiles
 ROUGH = Ground(-3.0, 2.0, 0.7, np.random.default_rng(5).normal(size=(6, 9)))
-"""Six rows (north), nine columns (east): not square, not centred, so that swapped axes show."""
+"""Grid with six rows (north) and nine columns (east), not centred, so that swapped axes are detected."""
 
 
 def within(ground, margin=0.0):
-    """Strategy of points on a grid, `margin` away from its border."""
+    """Return a Hypothesis strategy for points on a grid, at least `margin` from its border."""
     x_min, x_max, y_min, y_max = ground.extent
     return st.tuples(
         st.floats(x_min + margin, x_max - margin, allow_subnormal=False),
@@ -116,7 +116,7 @@ def test_level_ground_has_zero_height_and_gradient():
 @pytest.mark.parametrize("point", [(np.nan, 1.0), (1.0, np.nan), (np.nan, np.nan)])
 @pytest.mark.parametrize("read", [height_and_gradient, getattr(height_and_gradient, "py_func", height_and_gradient)])
 def test_height_at_a_nan_position_is_nan(read, point):
-    """Compiled, the index of NaN would be -2^63 and the read unchecked; plain Python would raise."""
+    """In compiled code, the cell index of NaN would be -2^63 without a bounds check; plain Python would raise."""
     assert np.isnan(read(ROUGH, *point)).all()
 
 

@@ -1,4 +1,4 @@
-"""Heightmaps: every format, the orientation, and messages for invalid files."""
+"""Heightmaps: file formats, orientation, and messages for invalid files."""
 
 import io
 from math import cos, radians, sin, tan
@@ -15,7 +15,7 @@ from agrobot_mj.terrain.files import MOST_BYTES
 from agrobot_mj.tyres import MagicFormula
 
 HILL = np.array([[0.0, 1.0, 2.0], [10.0, 11.0, 12.0], [20.0, 21.0, 22.0]]) / 20
-"""Row 0 north: rises by a metre from north to south, by 0.1 m from west to east."""
+"""Heights that rise by a metre from north (row 0) to south, and by 0.1 m from west to east."""
 HEAD = "ncols 3\nnrows 3\nxllcorner 600000\nyllcorner 5e6\ncellsize 2.5\nNODATA_value -9999\n"
 
 
@@ -92,7 +92,7 @@ def test_scenario_with_the_shipped_heightmap_runs():
 
 
 def test_heightmap_of_a_plane_equals_the_slope_terrain(tmp_path):
-    """The same heights, and the same run to the digits that rounding leaves, on a height field instead of a plane."""
+    """Heights are equal, and the run on the height field agrees with the run on a plane up to rounding."""
     slope = Slope(grade_deg=8.0, direction_deg=130.0, half_size_m=30.0)
     nodes = np.linspace(-30.0, 30.0, 61)
     heights = tan(radians(8)) * (cos(radians(130)) * nodes[None, :] + sin(radians(130)) * nodes[:, None])
@@ -121,7 +121,7 @@ def saved(values, **options):
 
 
 def huge_header():
-    """An array of 4 TB in a file of nothing."""
+    """Return an array file with a header for 4 TB and no data."""
     stream = io.BytesIO()
     np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": (2**20, 2**19)})
     return stream.getvalue()
@@ -137,7 +137,7 @@ def patched(data, old, new):
 
 
 def bomb():
-    """PNG with a header for 30000 x 30000 pixels."""
+    """Return a PNG file with a header for 30000 x 30000 pixels."""
     import struct
     import zlib
 

@@ -1,4 +1,4 @@
-"""Furrows and bumps: what the grid holds, and what wheels that roll over it see."""
+"""Furrows and bumps: heights of the grid, and motion of wheels that roll over them."""
 
 from itertools import product
 
@@ -22,7 +22,7 @@ def height(ground, x, y):
 
 
 def line(ground, direction_deg, length=12.0, step=0.01):
-    """Distances and heights along a line through the origin."""
+    """Return distances and heights along a line through the origin."""
     s = np.arange(-length / 2, length / 2, step)
     c, d = np.cos(np.radians(direction_deg)), np.sin(np.radians(direction_deg))
     return s, np.array([height(ground, c * a, d * a) for a in s])
@@ -73,7 +73,7 @@ def test_wheels_crossing_furrows_move_with_furrow_depth_and_spacing():
         assert z[crests].mean() - z[troughs].mean() == pytest.approx(depth, rel=0.05)
 
 
-def test_row_of_bumps_has_its_configured_position():
+def test_row_of_bumps_is_at_the_configured_position():
     ground = Bumps(
         height_m=0.12, x_m=2.0, y_m=-0.5, spacing_m=2.5, count=3, stagger_m=1.0, node_m=0.05, half_size_m=10.0
     ).ground()
@@ -121,7 +121,7 @@ ROUGH_GROUNDS = [
 
 @pytest.mark.parametrize(("tyre", "terrain", "speed", "ripple"), by_turns(TYRES, ROUGH_GROUNDS))
 def test_tyres_remain_stable_on_rough_ground(tyre, terrain, speed, ripple):
-    """Loads stay near the static ones, and the tractor keeps its speed."""
+    """Loads stay near the static loads, and the tractor keeps its speed."""
     plant, truth = mujoco_plant(tyre, terrain)
     trace = Driver(plant, truth, speed).go(10.0)
     loads = trace.wheels[60:, 0]
@@ -137,16 +137,16 @@ def test_tyres_remain_stable_on_rough_ground(tyre, terrain, speed, ripple):
 
 
 STEEP = {profile: Ridges(depth_m=0.2, half_size_m=30.0, profile=profile) for profile in ("sine", "flat")}
-"""Furrows with flanks of 40 degrees, too narrow for the wheels: about what the grip can climb."""
+"""Furrows narrower than the wheels, with flanks of 40 deg, which is about the limit of the grip."""
 PROFILES_AND_TYRES = [pytest.param(p, *tyre.values, id=f"{p}-{tyre.id}") for p, tyre in product(STEEP, TYRES)]
 SPEEDS_AND_STARTS = [pytest.param(speed, x) for speed, x in ((1.5, 0.0), (5.0, 0.1), (1.5, 0.1), (5.0, 0.0))]
-"""Pedal [m/s], and where the tractor starts across them [m]."""
+"""Pedal [m/s], and start position across the furrows [m]."""
 STARTS = (0.0, 0.05, 0.1, 0.15, -0.05, -0.1, -0.15)
-"""Where the tractor starts across them [m]: how it fares in steep furrows is chaotic, so a median is judged."""
+"""Start positions across the furrows [m]. Motion in steep furrows is chaotic, so the test uses a median."""
 
 
 class Pedal:
-    """A pedal held still: the rims turn at a constant speed, whatever the tractor does."""
+    """Driver with a constant pedal, so that the rims rotate at a constant speed."""
 
     def __init__(self, speed):
         self.position = speed / 5.0
@@ -158,7 +158,7 @@ class Pedal:
 
 @pytest.mark.parametrize(("tyre", "profile"), by_turns(TYRES[1:], STEEP))
 def test_steep_furrows_may_stop_the_tractor_but_not_lift_it(tyre, profile):
-    """`linear` is left out: without a limit of grip it climbs everything and jumps, as the energy below allows."""
+    """The tyre `linear` is omitted, because without a grip limit it climbs any slope and jumps."""
     ground, found = STEEP[profile].ground(), []
     for x in STARTS:
         plant, truth = mujoco_plant(tyre, ground, start=ORIGIN._replace(x=x))
@@ -198,7 +198,7 @@ def energy_beyond_the_engines_work(plant, truth, speed, seconds):
 
 @pytest.mark.parametrize(("profile", "tyre", "speed", "x"), by_turns(PROFILES_AND_TYRES, SPEEDS_AND_STARTS))
 def test_ground_adds_no_energy_to_the_tractor(tyre, profile, speed, x):
-    """However wildly the tractor jumps at full pedal, all the energy comes from its engine: tyres only take it."""
+    """Even if the tractor jumps at full pedal, its energy comes from the engine only."""
     plant, truth = mujoco_plant(tyre, STEEP[profile], start=ORIGIN._replace(x=x), tick_s=DT)
     assert energy_beyond_the_engines_work(plant, truth, speed, 4.0) <= 0.0
 

@@ -1,4 +1,4 @@
-"""Rough ground has the spectrum of its ISO 8608 class, along rows, columns, diagonals and any line between nodes."""
+"""Spectrum of rough ground in ISO 8608 classes along rows, columns, diagonals and other lines."""
 
 from itertools import pairwise
 
@@ -15,12 +15,12 @@ FIELD = Rough(iso_class="D", half_size_m=HALF_M, node_m=NODE_M, seed=4)
 
 
 def class_spectrum(n, iso_class="D"):
-    """G_d of the standard [m3]."""
+    """Return the spectrum G_d of the standard [m3]."""
     return {"A": 16e-6, "B": 64e-6, "C": 256e-6, "D": 1024e-6, "E": 4096e-6}[iso_class] * (n / 0.1) ** -2.0
 
 
 def by_octave(profiles, spacing, low, high, segment):
-    """Measured over nominal spectrum in each octave from `low` to `high` [cycle/m], mean over the profiles."""
+    """Return the mean ratio of measured to nominal spectrum in each octave from `low` to `high` [cycle/m]."""
     n, measured = welch(profiles, 1 / spacing, window="hann", nperseg=segment, detrend="linear", axis=-1)
     share = (measured.mean(axis=0)[1:] / class_spectrum(n[1:]), n[1:])
     edges = low * 2.0 ** np.arange(int(np.log2(high / low)) + 1)
@@ -72,7 +72,7 @@ def test_heights_along_any_line_have_the_spectrum_of_their_class(angle_deg):
 
 
 def test_roughness_spectrum_vanishes_at_the_nyquist_wave_number():
-    """A grid that carries waves up to its limit would be jagged in the diagonal, and alias."""
+    """With waves up to its limit, a grid would be jagged in diagonal direction and show aliasing."""
     n, measured = periodogram(FIELD.ground().heights[:-1, :-1], 1 / NODE_M, detrend=False)
     assert measured.mean(axis=0)[n > 4.2].max() < 1e-3 * class_spectrum(4.2)
 
@@ -85,7 +85,7 @@ def test_coarse_grid_keeps_roughness_below_its_maximum_wave_number():
 
 
 def test_rough_ground_heights_are_nearly_gaussian():
-    """Phases are random: neither one wave nor a few stand out."""
+    """Phases are random, so that no single wave dominates."""
     heights = FIELD.ground().heights
     slopes = np.diff(heights, axis=1)[::7, ::7].ravel() / NODE_M
     assert abs(((slopes - slopes.mean()) ** 3).mean()) / slopes.std() ** 3 < 0.1

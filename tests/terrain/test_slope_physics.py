@@ -1,4 +1,4 @@
-"""A slope is level ground under tilted gravity: the same loads, the same coasting, the same drift."""
+"""Slopes are equivalent to level ground with tilted gravity: equal loads, coasting and drift."""
 
 import mujoco
 import numpy as np
@@ -18,12 +18,12 @@ START = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def on_slope(tyre, uphill_deg, driveline):
-    """Heading east along (in the plane of) a slope that rises towards `uphill_deg`."""
+    """Return a plant heading east, in the plane of a slope that rises towards `uphill_deg`."""
     return _plant(tyre, Slope(grade_deg=GRADE_DEG, direction_deg=uphill_deg), driveline)
 
 
 def under_tilted_gravity(tyre, uphill_deg, driveline):
-    """The same on level ground, gravity tilted instead."""
+    """Return the equivalent plant on level ground with tilted gravity."""
     plant = _plant(tyre, Flat(), driveline)
     slope = Slope(grade_deg=GRADE_DEG, direction_deg=uphill_deg).ground()
     plant.model.opt.gravity[:] = frame(slope).T @ (0.0, 0.0, -GRAVITY)
@@ -46,7 +46,7 @@ def _plant(tyre, terrain, driveline):
 
 
 def in_the_plane(plant):
-    """Position of the chassis in the plane of the ground, along the heading at the start and to its left [m]."""
+    """Return the position of the chassis in the ground plane, along the initial heading and to its left [m]."""
     return frame(plant.ground).T @ plant.data.xpos[1]
 
 
@@ -67,7 +67,7 @@ def test_wheel_loads_on_a_slope_and_under_tilted_gravity_are_equal(tyre, uphill_
 @pytest.mark.parametrize("tyre", force_tyres(), ids=lambda tyre: tyre.kind)
 @pytest.mark.parametrize("uphill_deg", [180.0, 90.0, 125.0])
 def test_coasting_on_a_slope_equals_coasting_under_tilted_gravity(tyre, uphill_deg):
-    """In neutral, launched at 1 m/s: distance down the slope and drift across it after 4 s agree within 1 %.
+    """Coasting starts at 1 m/s. After 4 s, distance down the slope and drift across the slope agree within 1 %.
 
     The headings after settling on soft tyres differ by some hundredths of a degree.
     """
@@ -90,7 +90,7 @@ NEUTRAL = Driveline(connected=False)
 
 
 def _launch(plant, speed):
-    """Give the whole tractor a speed along its heading, wheels rolling."""
+    """Give the whole tractor a speed along its heading, with rolling wheels."""
     plant.data.qvel[:3] = speed * frame(plant.ground)[:, 0]
     for wheel, r in (("fl", 0.28), ("fr", 0.28), ("rl", 0.42), ("rr", 0.42)):
         plant.data.qvel[plant.model.joint(f"spin_{wheel}").dofadr[0]] = speed / r

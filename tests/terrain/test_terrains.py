@@ -1,4 +1,4 @@
-"""What every terrain must be, and that MuJoCo's height field is the grid that the tyres read."""
+"""Requirements on every terrain, and agreement of MuJoCo's height field with the grid of the tyres."""
 
 import json
 from math import radians, tan
@@ -30,7 +30,7 @@ SMALL = {"half_size_m": 10.0}
 
 
 def small(kind, **keys):
-    """A small field of a kind, as far as its size can be chosen."""
+    """Return a terrain of a kind, as small as its keys permit."""
     size = SMALL if "half_size_m" in kind.model_fields else {}
     return kind(**size | ({"count": 2} if kind is Bumps else {}) | keys)
 
@@ -98,7 +98,7 @@ def test_run_in_area_is_level_and_blends_into_the_relief(kind):
 
 
 @pytest.mark.parametrize("kind", GENERATED)
-def test_terrain_with_too_many_nodes_is_rejected_with_valid_values(kind):
+def test_error_for_too_many_terrain_nodes_states_valid_values(kind):
     with pytest.raises(
         ValueError, match=r"^node_m: 3201 x 3201 nodes are more than 4200000; set node_m to .*"
     ) as error:
@@ -159,7 +159,7 @@ def test_terrain_may_be_rectangular(kind, size):
 
 @pytest.mark.parametrize("kind", [kind for kind in SIZED if kind is not Rough])
 def test_rectangular_terrain_equals_that_part_of_a_square_terrain(kind):
-    """Where both have ground it is the same ground (a rough field draws other phases for another size)."""
+    """Common areas have equal heights, except for rough ground, whose phases depend on the size."""
     keys = {"grade_deg": 5.0} if kind in TILTED else {}
     keys |= {"x_m": 1.0, "count": 3} if kind is Bumps else {}
     square, part = kind(half_size_m=15.0, **keys).ground(), kind(size_m=(30.0, 20.0), **keys).ground()
@@ -214,7 +214,7 @@ def test_resolved_scenario_keeps_its_rectangular_terrain(tmp_path):
     assert log.metrics["outcome"] == "completed"
 
 
-def test_rectangular_terrain_with_too_many_nodes_suggests_a_valid_size():
+def test_error_for_too_many_terrain_nodes_suggests_a_valid_rectangle():
     with pytest.raises(ValueError, match=r"set node_m to 0.076 or size_m to \[190, 52\]$"):
         Rough(size_m=(300.0, 80.0), node_m=0.05).ground()
     for fits in (Rough(size_m=(300.0, 80.0), node_m=0.076), Rough(size_m=(190.0, 52.0), node_m=0.05)):
@@ -229,7 +229,7 @@ def test_rectangular_terrain_with_too_many_nodes_suggests_a_valid_size():
     "terrain", [Rough(half_size_m=12, iso_class="E", grade_deg=4), Heightmap(grade_deg=3), Ridges(half_size_m=8)]
 )
 def test_mujoco_height_field_equals_the_terrain_grid(terrain):
-    """Rays from above hit the ground at the height of the nodes, rows north and columns east, within its float32."""
+    """Rays from above hit the ground at the height of the nodes (rows north, columns east), to float32 precision."""
     ground = terrain.ground()
     plant, _ = mujoco_plant(MagicFormula(), ground, settle_s=0.0)
     geom, hit = np.zeros(1, dtype=np.int32), np.zeros(3)
@@ -260,7 +260,7 @@ def test_one_second_of_extreme_driving_gives_no_physics_warning(kind, tyre):
 @pytest.mark.parametrize("terrain", [Rough(half_size_m=20, iso_class="E"), Ridges(half_size_m=20, depth_m=0.1)])
 @pytest.mark.parametrize("yaw", [0.0, 0.7])
 def test_tractor_starts_on_all_wheels_at_any_position_of_a_terrain(terrain, yaw):
-    """Placed on the plane below its wheels, it settles without a jump on whatever relief is there."""
+    """The tractor is placed on the plane below its wheels and settles without a jump on any relief."""
     for x in (0.0, 0.3, 0.61, 5.2):
         plant, truth = mujoco_plant(MagicFormula(), terrain, start=Reference(x, 1.0, 0.0, 0.0, yaw, 0.0))
         loads = plant.wheels()[:4]

@@ -23,7 +23,7 @@ def surface_of(**keys):
 
 
 def lag(fields, cells):
-    """Mean product of values that many cells apart, along rows and columns."""
+    """Return the mean product of values at a distance of `cells`, along rows and columns."""
     along, across = fields[:, :, :-cells] * fields[:, :, cells:], fields[:, :-cells] * fields[:, cells:]
     return (along.mean() + across.mean()) / 2
 
@@ -108,7 +108,7 @@ def test_error_for_an_impossible_ground_property_names_the_key(keys, message):
 
 
 def drag(tyre, surface):
-    """Torque of the drive over the rear radius at a steady 1 m/s [N]."""
+    """Return the drive torque divided by the rear radius at a constant 1 m/s [N]."""
     scenario = load_scenario("straight_line")
     plant = MujocoPlant(Mujoco(tyre=tyre), scenario.vehicle, Flat(surface=surface).ground(), Clock())
     plant.reset(scenario.path.at(0.0))

@@ -1,4 +1,4 @@
-"""Soil below a wheel, cell by cell: the closed forms of one cell, and a whole wheel as the sum over all of them."""
+"""Soil below a wheel: closed forms for one soil cell, and a wheel as the sum of all cells."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ K, E = SOIL.k_c / REAR.width + SOIL.k_phi, 1.0 / (1.0 / REAR.stiffness + 1.0 / S
 @pytest.mark.parametrize("trial", [1e4, 1e5, 2e6])
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.99])
 def test_yield_pressure_is_in_equilibrium_with_carcass_and_soil(n, trial, share):
-    """From untouched soil or from a yield pressure `share` of the way: p + E (z(p) - z_q) is what was asked for."""
+    """For untouched soil and for a previous yield pressure, p + E (z(p) - z_q) equals the trial pressure."""
     q = share * trial
     z_q = (q / K) ** (1 / n)
     p, sunk = harden(n, K, E, trial, q, z_q)
@@ -48,7 +48,7 @@ def test_yielded_soil_is_elastic_below_its_yield_pressure():
 
 @pytest.mark.parametrize(("least", "more"), [(0.9, False), (0.6, False), (0.3, True), (0.0, True)])
 def test_load_oscillation_by_less_than_half_is_not_counted_as_a_pass(least, more):
-    """A hundred swings between the yield pressure and a share of it; whole ones sink N^(1/a) times as deep."""
+    """The load oscillates a hundred times between a fraction of the yield pressure and this pressure."""
     cell = load_cell(SOIL, K, E, 1.0, 0.02, FRESH)
     first = cell.sinkage
     for _ in range(100):
@@ -62,7 +62,7 @@ def test_load_oscillation_by_less_than_half_is_not_counted_as_a_pass(least, more
 
 
 def test_stored_soil_cell_yields_like_a_single_soil_cell():
-    """Loaded, unloaded and loaded again, each time against the state that it was left in."""
+    """The cell is loaded, unloaded and loaded again, each time from its previous state."""
     cells, at, cell = np.zeros((3, TILE, TILE, VALUES)), (2, 5, 7), FRESH
     for depth in (0.01, 0.02, 0.012, 0.021, 0.03):
         cell = load_cell(SOIL, K, E, 1.2, depth, cell)
@@ -78,7 +78,7 @@ def test_stored_soil_cell_yields_like_a_single_soil_cell():
 
 
 def frame(slope_x, slope_y, yaw):
-    """Normal, forward and left on a plane of these slopes."""
+    """Return normal, forward and left directions on a plane with given slopes."""
     n = np.array([-slope_x, -slope_y, 1.0]) / np.sqrt(1.0 + slope_x**2 + slope_y**2)
     forward = np.cross([-np.sin(yaw), np.cos(yaw), 0.0], n)
     forward /= np.linalg.norm(forward)
@@ -88,7 +88,7 @@ def frame(slope_x, slope_y, yaw):
 @pytest.mark.parametrize("slip", [0.0, 0.4, 2.0])
 @pytest.mark.parametrize(("slopes", "yaw"), [((0.0, 0.0), 0.0), ((0.0, 0.0), 0.7), ((0.3, -0.2), -2.1)])
 def test_soil_force_on_a_tyre_is_the_sum_over_all_ground_cells(slopes, yaw, slip):
-    """Every cell of the plane of the ground under the tread, whatever its slope and the heading."""
+    """The sum includes all cells of the ground plane under the tread, for any slope and heading."""
     memory, d, c, R, r_c = with_soil_memory(plane(0.0, 0.0, 2.0), SOIL).memory, 0.03, SOIL.cell, REAR.radius, REAR.crown
     n, forward, left = frame(*slopes, yaw)
     place = np.array([0.137, -0.412, slopes[0] * 0.137 - slopes[1] * 0.412])

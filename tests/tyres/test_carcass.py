@@ -1,4 +1,4 @@
-"""The carcass: stiffness from its keys, relaxation length from slip stiffness over it, at every load."""
+"""Tyre carcass: stiffness from its keys, and relaxation length as slip stiffness divided by carcass stiffness."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ TYRES = [MagicFormula(**KEYS), Soil(**KEYS), Ruts(**KEYS)]
 
 
 def forces(tyre, v_x, v_y, rim, steps, load=2300.0, share=1.0):
-    """Forces forward and left after each step of a constant motion, shape (steps, 2) [N]."""
+    """Return forward and left forces after each step of a constant motion, shape (steps, 2) [N]."""
     tyres = tyre_set(tyre, TRACTOR)
     tyres.carcass[:, 0], tyres.stiffness[:] = share, tyres.stiffness * share
     sunk = load / tyres.stiffness[REAR]
@@ -35,7 +35,7 @@ def forces(tyre, v_x, v_y, rim, steps, load=2300.0, share=1.0):
 @pytest.mark.parametrize("load", [800.0, 2300.0, 4000.0])
 @pytest.mark.parametrize("share", [1.0, 0.5])
 def test_carcass_stiffness_at_rest_is_a_fraction_of_vertical_stiffness(tyre, load, share):
-    """A soft tyre loses the same fraction of stiffness in all directions."""
+    """A softer tyre loses the same fraction of stiffness in all directions."""
     pushed = forces(tyre, 0.0, 0.01, 0.0, 5, load, share)[-1, 1] / (5 * DT * 0.01)
     dragged = forces(tyre, 0.0, 0.0, 0.01, 5, load, share)[-1, 0] / (5 * DT * 0.01)
     assert -pushed == pytest.approx(0.45 * share * VERTICAL, rel=0.02)
@@ -94,7 +94,7 @@ def test_wheel_load_on_firm_ground_is_the_tyre_spring_force(wheel):
 
 @pytest.mark.parametrize("tyre", TYRES, ids=lambda tyre: tyre.kind)
 def test_carcass_moved_from_rest_acts_as_a_spring_and_damper(tyre):
-    """After the first step: stiffness times the way and damping time times the speed, in both directions."""
+    """After one step, the force is stiffness times distance plus damping time times speed, in both directions."""
     tau, v = 0.02, 0.001
     damped = tyre.model_copy(update={"bristle_damping_s": tau})
     pushed, dragged = forces(damped, 0.0, v, 0.0, 1)[0, 1], forces(damped, 0.0, 0.0, v, 1)[0, 0]

@@ -1,4 +1,4 @@
-"""A wheel on curved ground has the height of a rigid circle and a contact force along its radius."""
+"""Wheel on curved ground: height of a rigid circle, and contact force along the radius."""
 
 from math import cos, sin, tan
 
@@ -14,14 +14,14 @@ EAST = (0.0, 1.0, 0.0)  # Axle (to the left) of a wheel that rolls east
 
 
 def stand(ground, radius, x, y=0.0, axle=EAST):
-    """Height of the wheel's centre at which it just touches, and the normal there."""
+    """Return the height of the wheel centre at first contact, and the contact normal."""
     low, high = float(ground.heights.min()) + 0.5 * radius, float(ground.heights.max()) + 2 * radius
     z = brentq(lambda z: contact_plane(ground, radius, (x, y, z), axle)[1], low, high, xtol=1e-9)
     return z, contact_plane(ground, radius, (x, y, z), axle)[0]
 
 
 def circle_on(ground, radius, x, y=0.0):
-    """The same by trying every point of the circle."""
+    """Return the height of the wheel centre at first contact by testing all points of the circle."""
     s = np.linspace(-radius, radius, 4001)
     return float((heights(ground, x + s, np.full(s.shape, y)) + np.sqrt(radius**2 - s**2)).max())
 
@@ -49,7 +49,7 @@ def test_wheel_height_on_uneven_ground_equals_that_of_a_rigid_circle(name, radiu
 
 @pytest.mark.parametrize("radius", [0.28, 0.42])
 def test_wheel_contact_detects_all_peaks_of_rough_ground(radius):
-    """Nodes a decimetre apart, each of its own height: no place stands out more than the circle's points see."""
+    """Nodes at a spacing of a decimetre have independent heights."""
     rng = np.random.default_rng(5)
     ground = Ground(-3.0, -3.0, 0.1, rng.uniform(-0.01, 0.01, (61, 61)))
     s = np.linspace(-radius, radius, 4001)
@@ -66,7 +66,7 @@ UNEVEN = Ground(-2.5, -3.5, 0.1, np.random.default_rng(5).uniform(-0.01, 0.01, (
 
 
 def steepest(ground, radius, centre, axle, h=1e-6):
-    """Direction of the centre in which the penetration falls fastest."""
+    """Return the direction of wheel centre motion in which the penetration decreases fastest."""
     depths = [
         [contact_plane(ground, radius, tuple(centre + way * h * e), axle)[1] for way in (1, -1)] for e in np.eye(3)
     ]
@@ -76,7 +76,7 @@ def steepest(ground, radius, centre, axle, h=1e-6):
 
 @pytest.mark.parametrize("lean", [0.0, 0.2, -0.3])
 def test_contact_force_direction_is_the_gradient_of_penetration(lean):
-    """By finite differences at places of a field that is no square, on nodes of their own height, of any heading."""
+    """The gradient is computed by finite differences on a rectangular field of random heights, for any heading."""
     off, radius = [], 0.42
     s = np.linspace(-radius, radius, 4001)
     for x, y, yaw in np.random.default_rng(6).uniform(-1.5, 1.5, (20, 3)) * (1.0, 1.6, 2.1):
@@ -92,7 +92,7 @@ def test_contact_force_direction_is_the_gradient_of_penetration(lean):
 
 @pytest.mark.parametrize("radius", [0.28, 0.42])
 def test_contact_normal_is_perpendicular_to_the_path_of_the_wheel_centre(radius):
-    """The normal has the slope of the path of the wheel's centre, so that rolling without loss conserves energy."""
+    """Rolling without loss thus conserves energy."""
     ground = FURROWS["wide"].ground()
     for x in np.linspace(-0.9, 0.9, 37):
         z, n = stand(ground, radius, x)
@@ -104,7 +104,7 @@ def test_contact_normal_is_perpendicular_to_the_path_of_the_wheel_centre(radius)
 @pytest.mark.parametrize("yaw", [0.0, 0.6, 2.5])
 @pytest.mark.parametrize("tilt", [0.0, 0.2])
 def test_contact_on_a_plane_of_many_cells_equals_that_on_one_cell(yaw, tilt):
-    """The same normal and penetration as on the single cell, for a wheel of any heading and lean."""
+    """Normal and penetration are equal for any heading and tilt of the wheel."""
     grade = tan(0.2), -0.1
     nodes = np.linspace(-3.0, 3.0, 41)
     many = Ground(-3.0, -3.0, 0.15, np.ascontiguousarray(grade[0] * nodes[None, :] + grade[1] * nodes[:, None]))
@@ -117,12 +117,12 @@ def test_contact_on_a_plane_of_many_cells_equals_that_on_one_cell(yaw, tilt):
 
 
 def profile(h, nodes):
-    """The same profile to the east everywhere."""
+    """Return ground with the same profile to the east everywhere."""
     return Ground(nodes[0], nodes[0], nodes[1] - nodes[0], np.ascontiguousarray(np.tile(h, (nodes.size, 1))))
 
 
 def test_contact_force_at_an_edge_points_away_from_the_edge():
-    """Past the brink of a flank down by 45 degrees a wheel still rests on the brink, on a radius that leans back."""
+    """Beyond the edge of a flank that falls by 45 deg, the wheel still rests on the edge, with a forward force."""
     nodes = np.arange(-100, 101) * 0.02
     brink = profile(-np.clip(nodes, 0.0, 0.5), nodes)
     for x in (0.05, 0.15, 0.25):
@@ -132,7 +132,7 @@ def test_contact_force_at_an_edge_points_away_from_the_edge():
 
 
 def test_load_on_a_bridged_ditch_is_divided_between_its_edges():
-    """A wheel over the middle is pushed straight up, a little off it towards the nearer edge's side."""
+    """The force on the wheel is vertical above the middle. Off the middle, it points away from the nearer edge."""
     nodes = np.arange(-100, 101) * 0.02
     ditch = profile(np.clip(np.abs(nodes) - 0.2, -0.2, 0.0), nodes)
     assert stand(ditch, 0.42, 0.0)[1] == pytest.approx((0.0, 0.0, 1.0), abs=0.01)
@@ -141,7 +141,7 @@ def test_load_on_a_bridged_ditch_is_divided_between_its_edges():
 
 @pytest.mark.parametrize("x", [-0.013, -0.01, 0.008, 0.01])
 def test_force_direction_between_two_contacts_is_the_penetration_gradient(x):
-    """A furrow of 8 mm, so shallow that its bottom keeps the two edges from sharing the load in full."""
+    """The furrow of 8 mm is so shallow that its bottom carries a part of the load."""
     nodes = np.arange(-100, 101) * 0.02
     furrow = profile(-0.008 * np.cos(np.pi / 0.2 * np.clip(nodes, -0.1, 0.1)), nodes)
     centre = np.array([x, 0.01, 0.408])
@@ -168,13 +168,13 @@ EDGES = {
 
 
 def circle_height(ground, radius, x, y, axle):
-    """Height of the centre at which a wheel just touches [m]."""
+    """Return the height of the centre at which a wheel just touches the ground [m]."""
     base = height_and_gradient(ground, x, y)[0]
     return brentq(lambda z: contact_plane(ground, radius, (x, y, z), axle)[1], base + 0.7 * radius, base + 2 * radius)
 
 
 def carried(ground, radius, x, y, axle, load, stiffness):
-    """Height at which a wheel carries this load [m], and the horizontal force on it there [N]."""
+    """Return the height at which a wheel carries a load [m], and the horizontal force at this height [N]."""
 
     def excess(z):
         n, p = contact_plane(ground, radius, (x, y, z), axle)
@@ -198,7 +198,7 @@ def thrust(ground, radius, way, axle, load=1000.0, stiffness=1.4e5):
 @pytest.mark.parametrize("radius", [0.28, 0.42])
 @pytest.mark.parametrize("name", EDGES)
 def test_closed_path_of_a_wheel_on_uneven_ground_gains_no_energy(name, radius, lean):
-    """Over any ground, kinks included: to 0.05 % of load times way, of which half is the loop's discretisation."""
+    """Accuracy is 0.05 % of load times distance on any ground, half of it due to the discretised loop."""
     t = np.linspace(0.0, 2 * np.pi, 1501)
     loop = np.column_stack([1.3 * np.cos(t) + 0.3, 0.9 * np.sin(t) + 0.2])
     axle = (-sin(0.4) * cos(lean), cos(0.4) * cos(lean), sin(lean))

@@ -1,4 +1,4 @@
-"""Friction and soil of the ground below a wheel, under every law of the tyre."""
+"""Friction and soil properties of the ground below a wheel, with every tyre law."""
 
 import numpy as np
 import pytest
@@ -19,12 +19,12 @@ RADIUS, SUNK = TractorParameters().rear_wheel_radius_m, TractorParameters().rear
 
 
 def ground(**properties):
-    """Level, with a patch of 4 m about the origin."""
+    """Return level ground with a patch of 4 m about the origin."""
     return Flat(patch=(RectanglePatch(length_m=4.0, width_m=4.0, **properties),)).ground()
 
 
 def steady(tyre, on, slip_x=0.0, slip_y=0.0, x=0.0, grip=1.0, share=1.0):
-    """Report of a rear wheel after its relaxation; slips as ratio (driving positive) and tangent."""
+    """Return the steady report of a rear wheel, for slips as ratio (positive when driving) and tangent."""
     tyres = tyre_set(tyre, TractorParameters())
     tyres.grip[:], tyres.carcass[:, 0] = grip, share
     bristle, wrench, report = np.zeros(3), np.zeros(6), np.zeros(6)
@@ -110,7 +110,7 @@ def test_soft_carcass_reduces_slip_stiffness_but_not_peak_force(law):
 
 
 def test_friction_on_a_slope_is_evaluated_at_the_contact_point():
-    """Uphill of the point below its centre; half the friction there halves the force of a wheel that slides."""
+    """The contact is uphill of the point below the wheel centre, where half the friction halves the sliding force."""
     slope, tyres = plane(0.5, -0.2, 4.0), tyre_set(MagicFormula(), TractorParameters())
     n = np.array([-0.5, 0.2, 1.0]) / np.sqrt(1.29)
     axle = np.array([-np.sin(-0.6), np.cos(-0.6), 0.0])

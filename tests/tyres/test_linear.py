@@ -1,4 +1,4 @@
-"""The linear law: slope, symmetry, no limit, and the same cornering stiffness as the bicycle's."""
+"""Linear tyre law: slope, symmetry, unlimited force, and the cornering stiffness of the bicycle."""
 
 from math import radians, tan
 
@@ -18,7 +18,7 @@ TRACTOR, FLAT = TractorParameters(), Flat().ground()
 
 
 def steady(wheel, side_slip=0.0, slip_ratio=0.0, speed=1.0, tyre=Linear()):
-    """(forward, lateral) force of wheel 0..3 after it has settled at 1 cm of deflection."""
+    """Return the steady forward and lateral force of wheel 0..3 at a deflection of 1 cm."""
     tyres = tyre_set(tyre, TRACTOR)
     radius = float(tyres.radius[wheel])
     spin = speed * (1 + slip_ratio) / (radius - 0.01 / 3)

@@ -1,4 +1,4 @@
-"""Contact kinematics against hand cases, the bristle against its differential equation, and the wrench's power."""
+"""Contact kinematics compared with hand-computed cases, bristle equation, and power of the wrench."""
 
 from math import cos, exp, radians, sin, tan
 
@@ -39,14 +39,14 @@ def times(factor, vector):
 
 
 def turned(yaw, camber=0.0):
-    """Forward and axle (left) of a wheel on level ground, leaning to the left by -camber."""
+    """Return forward direction and axle (left) of a wheel on level ground, tilted to the left by -camber."""
     forward = (cos(yaw), sin(yaw), 0.0)
     axle = (-sin(yaw) * cos(camber), cos(yaw) * cos(camber), sin(camber))
     return forward, axle
 
 
 class Wheel:
-    """One tyre with its bristle, held at a constant motion."""
+    """Tyre with its bristle at a constant motion."""
 
     def __init__(self, tyre=None, ground=FLAT, i=REAR, **changes):
         self.tyres = tyre_set(tyre or Linear(), TractorParameters())._replace(**changes)
@@ -61,7 +61,7 @@ class Wheel:
 
 
 def r_e(penetration):
-    """Effective rolling radius of the rear tyre."""
+    """Return the effective rolling radius of the rear tyre."""
     return R - penetration / 3
 
 
@@ -218,7 +218,7 @@ def test_wheel_load_is_a_spring_and_damper_force_that_is_never_negative(law):
 
 
 def test_tyre_wrench_acts_at_the_contact_patch():
-    """About the patch's own point only the axle's torque is left; on a slope, yawed and leaning."""
+    """About the patch, only the axle torque remains, on a slope with a rotated and tilted wheel."""
     ground = Slope(grade_deg=12, direction_deg=130).ground()
     _, axle = turned(radians(40), radians(5))
     centre = np.array([1.0, 2.0, 0.41 + tan(radians(12)) * (cos(radians(130)) + 2 * sin(radians(130)))])
@@ -247,7 +247,7 @@ def test_tyre_wrench_acts_at_the_contact_patch():
     turn=st.floats(-1, 1),
 )
 def test_steadily_sliding_tyre_dissipates_energy(tyre, yaw, camber, velocity, spin, turn):
-    """Force times velocity plus torque times rotation; on level ground the load does no work."""
+    """Power is force times velocity plus torque times rotation; on level ground the load does no work."""
     _, axle = turned(yaw, camber)
     rotation = np.array(times(spin, axle)) + (0.0, 0.0, turn)
     wheel = Wheel(tyre)
@@ -260,7 +260,7 @@ def test_steadily_sliding_tyre_dissipates_energy(tyre, yaw, camber, velocity, sp
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("slip", [-0.02, -0.005, 0.005, 0.02])
 def test_driving_and_braking_dissipate_energy_also_at_small_slip(law, slip):
-    """With another lever than the effective radius a wheel could drive for free."""
+    """With a lever arm other than the effective radius, a wheel could gain energy."""
     wheel, spin = Wheel(law(), rolling_resistance=0.0), 1.2 * (1 + slip) / r_e(0.02)
     f_x = wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (1.2, 0.0, 0.0), (0.0, spin, 0.0), 4000)[FORCE_X]
     assert wheel.wrench[0] * 1.2 + wheel.wrench[4] * spin < 0

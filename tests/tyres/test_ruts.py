@@ -1,4 +1,4 @@
-"""Soil that remembers: rut walls hold a wheel, slip digs, nothing is made from nothing, and a run stores its ruts."""
+"""Soil with rut memory: rut walls, slip sinkage, energy conservation, and stored ruts of a run."""
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -23,7 +23,7 @@ LEVEL = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 
 
 def rolled(memory, depth, y=0.0, slip=0.0, way=1.0, tread=REAR):
-    """Roll a wheel to the east at a constant depth below the untouched ground; the last thing that the soil did."""
+    """Roll a wheel to the east at a constant depth below the original ground. Return the last soil reaction."""
     for x in np.arange(0.0, way, 0.005):
         pressed = press(SOIL, tread, memory, (x, y, 0.0), LEVEL, depth, slip)
     return pressed
@@ -34,7 +34,7 @@ def field():
 
 
 def test_rut_walls_exert_a_side_force_on_a_wheel():
-    """Off the middle it is pushed back, the harder the farther, from both sides; virgin ground does nothing alike."""
+    """The side force towards the middle increases with the offset on both sides; untouched ground has none."""
     memory = field()
     rolled(memory, 0.05)
     state = saved(memory)
@@ -55,7 +55,7 @@ def test_wheel_above_a_rut_deeper_than_the_tyre_reaches_has_no_load():
 
 
 def test_slip_sinkage_follows_the_lyasko_model():
-    """At one pressure a plate sinks by (1 + i) / (1 - i / 2) times as much."""
+    """At a given pressure, slip i increases the sinkage of a plate by (1 + i) / (1 - i / 2)."""
     k = SOIL.k_phi
     depths = []
     for factor in (1.0, 1.3 / 0.85):
@@ -68,7 +68,7 @@ def test_slip_sinkage_follows_the_lyasko_model():
 
 
 def test_soil_returns_no_more_work_than_was_done_on_it():
-    """Over any history of depths a cell takes work in every closed loop, and its sinkage never shrinks."""
+    """For any history of depths, a cell absorbs work in every closed loop, and its sinkage never decreases."""
     rng = np.random.default_rng(3)
     E, cell, before, work = 1e7, SoilCell(0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0
     for aim in rng.uniform(0.0, 0.08, 60):

@@ -1,4 +1,4 @@
-"""The scrubbing moment of a patch that turns: that of a brush, by its width."""
+"""Scrubbing moment of a turning patch, as of a brush with the width of the patch."""
 
 from math import sqrt
 
@@ -18,7 +18,7 @@ LOAD, STIFFNESS, RADIUS, WIDTH = TRACTOR.rear_wheel.load, TRACTOR.rear_wheel.sti
 
 
 def torques(tyre, v, turn, steps=2000, v_y=0.0):
-    """Torque about the wheel's centre (3,) and side force after a steady motion on the static load."""
+    """Return the torque about the wheel centre (3,) and the side force after a steady motion at the static load."""
     tyres, sunk = tyre_set(tyre, TRACTOR), LOAD / STIFFNESS
     spin = v / (RADIUS - sunk / 3)
     motion = WheelMotion((0.0, 0.0, RADIUS - sunk), (0.0, 1.0, 0.0), (v, v_y, 0.0), (0.0, spin, turn))
@@ -51,7 +51,7 @@ def test_contact_patch_without_length_has_no_aligning_moment():
 
 
 def test_wheel_load_acts_at_the_patch_displaced_by_the_side_force():
-    """The moment about the forward axis of the load is load times side force over lateral stiffness."""
+    """The moment of the load about the forward axis is load times side force divided by lateral stiffness."""
     plain, force = torques(MagicFormula(load_follows_carcass=False), 1.0, 0.0, v_y=0.05)
     moved, same = torques(MagicFormula(), 1.0, 0.0, v_y=0.05)
     assert force == same != 0.0

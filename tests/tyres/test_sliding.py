@@ -1,4 +1,4 @@
-"""Wheels that slide and spin: the force opposes the sliding, inside the ellipse, taking power, at every speed."""
+"""Sliding and spinning wheels: force against the sliding direction, inside the ellipse, and dissipative."""
 
 from itertools import product
 from math import atan2, cos, degrees, exp, hypot, pi, radians, sin, sqrt
@@ -42,7 +42,7 @@ def hold(tyres, i, ground, motion, steps, bristle, wrench, report):
 
 
 class Wheel:
-    """One wheel at its static load, held at a constant motion."""
+    """Wheel at its static load and a constant motion."""
 
     def __init__(self, tyre, i=REAR, grip=1.0):
         self.tyres, self.i = tyre_set(tyre, TRACTOR), i
@@ -61,20 +61,20 @@ class Wheel:
         return self.report
 
     def steady(self, v_x, v_y, rim):
-        """Report after thirty radii of rolling or a metre of sliding, whichever is more steps."""
+        """Return the report after rolling for thirty radii or sliding for a metre, whichever takes more steps."""
         rolling, sliding = max(abs(v_x), abs(rim) / 2, 1e-9), hypot(v_x - rim, v_y)
         time_s = 30 * self.radius / rolling if rolling > 0.1 * sliding else 1.0 / max(sliding, 1e-3)
         return self.step(v_x, v_y, rim, min(round(time_s / DT), 60_000))
 
 
 def lean(report, v_x, v_y, rim):
-    """Angle between the force and the direction against the sliding velocity [deg]."""
+    """Return the angle between the force and the direction opposite to the sliding velocity [deg]."""
     turn = atan2(report[FORCE_Y], report[FORCE_X]) - atan2(-v_y, rim - v_x)
     return abs(degrees((turn + pi) % (2 * pi) - pi))
 
 
 def slides(v_x, v_y, rim):
-    """Combined slip: sliding speed over the faster of hub and rim [-]."""
+    """Return the combined slip: sliding speed divided by the maximum of hub and rim speed [-]."""
     return hypot(v_x - rim, v_y) / max(hypot(v_x, v_y), abs(rim))
 
 
@@ -82,7 +82,7 @@ def slides(v_x, v_y, rim):
     ("tyre", "speed"), by_turns([pytest.param(tyre, id=name) for name, tyre in GRIPPING.items()], SPEEDS)
 )
 def test_force_opposes_the_sliding_direction_above_80_percent_slip(tyre, speed):
-    """Locked, braked hard and spinning, at every angle to the heading."""
+    """Cases are locked, strongly braked and spinning wheels, at every angle to the heading."""
     judged = 0
     for i, angle_deg, s in product((FRONT, REAR), (5, 45, 70, 80, 88), (-1.0, -0.9, -0.8, 0.8, 0.9, 0.97)):
         v_x, v_y = speed * cos(radians(angle_deg)), speed * sin(radians(angle_deg))
@@ -117,7 +117,7 @@ def test_force_on_a_locked_wheel_opposes_sliding_on_slippery_ground():
 
 
 def brixius(cone_index, s, W=LOAD[REAR], b=0.24, d=0.84, k=TRACTOR.rear_wheel.stiffness):
-    """Net traction over load of the rear bias-ply tyre [-], with the tyre's own loss as a moment."""
+    """Return net traction divided by load of the rear bias-ply tyre [-], with the tyre's own loss as a moment."""
     h = 0.75 * b
     B_n = (cone_index * b * d / W) * (1 + 5 * W / k / h) / (1 + 3 * b / d)
     return 0.88 * (1 - exp(-0.1 * B_n)) * (1 - exp(-7.5 * s)) - 1 / B_n - 0.5 * s / sqrt(B_n)
@@ -153,7 +153,7 @@ motions = st.tuples(st.floats(-4, 4), st.floats(-4, 4), st.floats(-6, 6))
 @settings(deadline=None, max_examples=60)
 @given(motion=motions, scale=st.sampled_from([1.0, 0.01, 1e-6]))
 def test_tyre_force_is_finite_dissipative_and_inside_the_ellipse(tyre, motion, scale):
-    """Through the kernel; the power of force and torque together, once the bristles are in balance."""
+    """The kernel computes the forces. Power includes force and torque, after the bristles have settled."""
     v_x, v_y, rim = (scale * v for v in motion)
     wheel = Wheel(tyre)
     used = [wheel.step(v_x, v_y, rim)[FRICTION_USE] for _ in range(20)]
@@ -196,7 +196,7 @@ def test_force_is_dissipative_and_within_the_ellipse_at_any_anisotropy(x, y, gri
 
 
 def test_anisotropy_rotates_sliding_force_towards_the_axis_of_more_grip():
-    """On soil the tyre holds more along than across; at 1 the sliding direction is the normal of the ellipse."""
+    """On soil, the longitudinal grip is larger. At anisotropy 1, the sliding direction is the normal of the ellipse."""
     angle = radians(45)
     leans = []
     for a in (0.0, 0.5, 1.0):
@@ -211,7 +211,7 @@ def test_anisotropy_rotates_sliding_force_towards_the_axis_of_more_grip():
 
 @pytest.mark.parametrize("ply", ["bias", "radial"])
 def test_side_force_on_soil_vanishes_with_the_soil_strength(ply):
-    """The lateral fit by itself would grow without bound where there is no traction left."""
+    """The lateral fit alone would grow without limit as traction vanishes."""
     peaks = []
     for cone_index_kpa in (50, 80, 120, 200, 400):
         tyre = Soil(cone_index_kpa=cone_index_kpa, ply=ply)

@@ -1,4 +1,4 @@
-"""Basis of the parameters of a machine, by the comments of its file and the docstrings of its keys."""
+"""Sources of the parameters of a machine, read from the comments of its file and the docstrings of its keys."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The brake holds what the hydrostat does not, and what keeps a tractor from resting is named."""
+"""Brakes: parked tractors stay at rest, wheels do not lock, and the validation detects a weak brake."""
 
 from math import hypot
 

@@ -1,4 +1,4 @@
-"""Closed motions of slip, speed and load: no tyre, patch or tool gives more energy than it took, by any phase."""
+"""Closed motions of slip, speed and load: no tyre, patch or tool returns more energy than it received."""
 
 import numpy as np
 import pytest
@@ -55,7 +55,7 @@ def test_a_thousand_closed_wheel_motions_gain_no_energy(kind, damping_s):
 @pytest.mark.parametrize("speed", [0.0, 0.7])
 @pytest.mark.parametrize("hertz", [0.9, 2.3])
 def test_load_oscillation_at_twice_sliding_frequency_adds_no_energy(kind, speed, hertz):
-    """The worst phase of a spring that follows the load; 9 mm to each side, the load down to a quarter."""
+    """The wheel slides 9 mm to each side, while its load falls to a quarter, at any phase."""
     sideways = wave(0.0, 0.009 * 2 * np.pi * hertz)
     motions = [
         Cycle(2, 1 / hertz, wave(speed), sideways, wave(0.0), wave(0.0144, 0.75 * 0.0144, phase, harmonic=2))

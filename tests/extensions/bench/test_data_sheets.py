@@ -1,4 +1,4 @@
-"""Every shipped machine drives: the library, the figure eight under LQR, and its data sheet against closed forms."""
+"""Data sheets of the shipped machines, compared with closed forms."""
 
 from math import asin, atan, cos, degrees, pi, radians, sin, tan
 
@@ -15,11 +15,11 @@ G = 9.81
 
 
 class ClosedForms:
-    """Numbers of a bare machine on the default tyres, from its keys and statics alone.
+    """Closed-form data of a machine without an implement on the default tyres, from its keys and statics.
 
-    The tyres are straight lines: cornering stiffness k per load at the static load, which changes by a quarter of the
-    change of load, rolling resistance rho, trail t, grip mu that falls by 8 % for a doubled load, and patches that
-    scrub as brushes of their width with a slip stiffness of ten times the load.
+    Tyre curves are linear: cornering stiffness k per load at the static load, which changes by a quarter of the change
+    of load; rolling resistance rho; trail t; friction mu, which falls by 8 % for a doubled load; and scrub as of
+    brushes with the width of the patch and a slip stiffness of ten times the load.
     """
 
     def __init__(self, machine):
@@ -36,7 +36,7 @@ class ClosedForms:
         self.limit = p.steer_limit
 
     def moved(self):
-        """Load that rolling resistance moves from the front to the rear axle."""
+        """Return the load that rolling resistance transfers from the front to the rear axle [N]."""
         return self.rho * (self.N_f * self.R_f + self.N_r * self.R_r) / self.L
 
     def steering_rate(self):
@@ -45,7 +45,7 @@ class ClosedForms:
         return degrees(v.pump_flow_l_min / 60e3 / (area * c.arm_m))
 
     def turning_radius(self):
-        """Patches scrub against the turn; steered wheels drag outwards; both axles slip to hold it."""
+        """Return the turning radius with scrub of the patches, drag of the steered wheels and slip angles [m]."""
         p, curvature = self.s.tractor, tan(self.limit) / self.L
         widths = self.N_f * p.front_wheel_width_m**2 + self.N_r * p.rear_wheel_width_m**2
         scrub = 10 / 12 * widths * curvature
@@ -55,11 +55,11 @@ class ClosedForms:
         return self.L / (tan(self.limit - slip_f) - slip_r)
 
     def understeer(self):
-        """m / L ((l_r + t + rho h) / C_f - (l_f - t - rho h) / C_r), resistance having moved load to the rear axle.
+        """Return m / L ((l_r + t + rho h) / C_f - (l_f - t - rho h) / C_r), with load moved by rolling resistance.
 
-        The outer wheels carry 2 m a (h + s) / T more than the inner ones, where s a / g is the side deflection of the
-        carcass, and so roll harder, by a moment of rho m a (h + s), plus that of the gyroscopic moments of the wheels,
-        J a / R each with J = 0.6 m R^2.
+        The load of the outer wheels exceeds that of the inner wheels by 2 m a (h + s) / T, where s a / g is the side
+        deflection of the carcass. Rolling resistance thus adds the yaw moment rho m a (h + s), and the gyroscopic
+        moments of the wheels add J a / R each with J = 0.6 m R^2.
         """
         moved = self.moved()
         C_f = self.k_f * (self.N_f - moved) * (1 + 0.25 * moved / self.N_f)
@@ -70,11 +70,11 @@ class ClosedForms:
         return degrees(self.m / self.L * ((self.l_r + lever) / C_f - (self.l_f - lever) / C_r))
 
     def holding(self):
-        """The brake's 3.55 m/s2 [EU2015] at the free radius, on wheels that roll on R - d / 3."""
+        """Return the slope [deg] for a brake of 3.55 m/s2 [EU2015] at the free radius and rolling radius R - d / 3."""
         return degrees(asin(3.55 / G * self.R_r / (self.R_r - self.d_r / 3)))
 
     def climbing(self):
-        """Grip of the rear wheels, which a climb loads, against the weight's pull and the front wheels' resistance."""
+        """Return the slope [deg] at which rear grip or drive torque balances weight and front rolling resistance."""
         mu = self.s.plant.tyre.rear.longitudinal.mu
 
         def short(theta):
@@ -88,16 +88,16 @@ class ClosedForms:
         return degrees(brentq(short, 0.1, 1.0))
 
     def top_speed(self):
-        """Rim at the free radius, rolling on R - d / 3, with the slip of the pull that the front wheels ask for."""
+        """Return the speed [m/s] for the rolling radius R - d / 3 and the slip due to the front rolling resistance."""
         slip = self.rho * self.N_f / (self.s.plant.tyre.rear.longitudinal.stiffness_per_load * self.N_r)
         return self.s.driveline.full_speed_m_s * (1 - self.d_r / 3 / self.R_r) * (1 - slip)
 
     def slip_across(self, grade):
-        """Slip angle of the rear wheels across a slope, on the curve of Pacejka's formula.
+        """Return the slip angle of the rear wheels on a side slope [rad], from the curve of Pacejka's formula.
 
-        Gravity across, m g sin(theta), falls to the axles as in a bend; the axle's stiffness loses a quarter of the
-        square of the load that goes from wheel to wheel, (h + s) tan(theta) / T of either axle's, where s tan(theta) is
-        the side deflection of the carcass.
+        The axles share the lateral weight component m g sin(theta) as in a bend. The stiffness of an axle decreases
+        by a quarter of the square of its relative load transfer 2 (h + s) tan(theta) / T, where s tan(theta) is the
+        side deflection of the carcass.
         """
         curve, lever = self.s.plant.tyre.rear.lateral, self.t + self.rho * self.h
         force = self.m * G * sin(grade) * (self.l_f - lever) / self.L
@@ -131,15 +131,15 @@ class ClosedForms:
 
 @pytest.mark.parametrize("machine", sorted(machine_files()))
 def test_theoretical_slip_angle_on_a_side_slope_agrees_with_statics(machine):
-    """The validation compares the machines with that theory."""
+    """The validation compares the machines with this theory."""
     closed = ClosedForms(machine)
     theory = Tractor(closed.s.tractor, closed.s.plant.tyre).side_slope(10.0).rear_slip
     assert theory == pytest.approx(closed.slip_across(radians(10.0)), rel=0.03)
 
 
 def agrees(machine):
-    """To 5 %, the understeer gradient to 7.5 %: it contains 2-4 % from the roll on soft rear tyres, without resistance
-    none."""
+    """Check the data sheet to 5 %, and the understeer gradient to 7.5 %, because it contains 2-4 % due to roll on soft
+    rear tyres."""
     measured, sheet = {line.name: line.value for line in data_sheet(machine)}, ClosedForms(machine).sheet()
     assert measured.pop("understeer gradient") == pytest.approx(sheet.pop("understeer gradient"), rel=0.075)
     assert measured == pytest.approx(sheet, rel=0.05)

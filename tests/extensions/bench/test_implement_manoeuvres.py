@@ -1,4 +1,4 @@
-"""Implements at the hitch of the MuJoCo tractor: statics, soil forces, geometry, balance of forces."""
+"""Validation of implements at the hitch: yaw gain, off-tracking, draught and hitch force."""
 
 import pytest
 

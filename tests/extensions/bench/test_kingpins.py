@@ -1,4 +1,4 @@
-"""Steering linkage: kingpins move no wheel, the play is crossed at each reversal, a sensor sits on one knuckle."""
+"""Kingpin angles of the steering linkage, and the linkage of the shipped backlash scenario."""
 
 import numpy as np
 

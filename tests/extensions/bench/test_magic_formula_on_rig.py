@@ -1,4 +1,4 @@
-"""The Magic Formula: published values, the formula written out once more, and bounds that no slip may break."""
+"""Magic Formula on the tyre rig: published values, an independent implementation, and limits at any slip."""
 
 from itertools import product
 from math import atan, hypot, pi, radians, sin, tan
@@ -31,21 +31,21 @@ stiffness_load = 0
 shape = 1.3507
 curvature = -0.0074722
 """
-"""Pure lateral set of commonroad-vehicle-models 3.0.2 at 4000 N and zero camber; its forces are in the test."""
+"""Parameters for pure lateral slip of commonroad-vehicle-models 3.0.2, at 4000 N and zero camber."""
 ANGLES = np.radians([-55, -20, -9, -3, -0.4, 0.4, 3, 9, 20, 55])
 RATIOS = [-0.95, -0.5, -0.15, -0.04, -0.003, 0.003, 0.04, 0.15, 0.5, 0.9]
 LOADS = np.geomspace(60, 12_000, 10)
 STATIC = 750 * 9.81 * 0.38 / 2, 750 * 9.81 * 0.62 / 2
-"""Static loads of a front and a rear wheel, the references of the law [N]."""
+"""Static loads of a front and a rear wheel, which are the reference loads of the tyre law [N]."""
 
 
 def force(alpha, kappa, load, tyre=DEFAULT, wheel=FRONT):
-    """(forward, left) of the law itself while rolling."""
+    """Return the forward and lateral force of the tyre law for a rolling wheel [N]."""
     return tyre.coefficients(TRACTOR)[wheel // 2].force(Slip(-kappa, tan(alpha), load, 0.01, 1.0, DRY))[:2]
 
 
 def written_out(s, load, reference, mu, mu_load, k, k_load, C, E):
-    """Force along one direction alone, by the formula of the book."""
+    """Return the force in one direction by the published formula, and its maximum D."""
     df = (load - reference) / reference
     D = mu * max(1 + mu_load * df, 0.2) * load
     K = k * max(1 + k_load * df, 0.2) * load
@@ -117,7 +117,7 @@ def test_cornering_stiffness_at_static_load_equals_the_bicycle_model():
 
 
 def test_tyre_force_is_bounded_odd_and_dissipative_at_1000_points():
-    """Through the kernel that the tractor drives on: friction ellipse, oddness, dissipation."""
+    """The forces come from the kernel of the simulation."""
     rig, axle, v = Rig(DEFAULT, TRACTOR), DEFAULT.front, 1.0
     for alpha, kappa, load in product(ANGLES, RATIOS, LOADS):
         fx, fy, *_ = rig.steady(Setting(v, alpha, kappa, load))
@@ -130,7 +130,7 @@ def test_tyre_force_is_bounded_odd_and_dissipative_at_1000_points():
 
 
 def test_maximum_force_of_all_test_points_reaches_the_friction_ellipse():
-    """Without such points the bound above would be a weak test."""
+    """Without points on the ellipse, the test of the limit would be weak."""
     used = [hypot(*force(alpha, kappa, 1400.0)) / 1400.0 for alpha, kappa in product(ANGLES, RATIOS)]
     assert max(used) == pytest.approx(0.8, rel=0.03)
     assert min(used) < 0.05
@@ -139,7 +139,7 @@ def test_maximum_force_of_all_test_points_reaches_the_friction_ellipse():
 @settings(deadline=None, max_examples=300)
 @given(alpha=st.floats(-1.2, 1.2), kappa=st.floats(-0.99, 3), load=st.floats(10, 1e4), way=st.floats(0, 2 * pi))
 def test_tyre_force_is_continuous(alpha, kappa, load, way):
-    """A slip changed by h changes the force by no more than twice the largest stiffness times h."""
+    """A slip change h changes the force by at most twice the maximum stiffness times h."""
     h, stiffest = 1e-5, 10.0 * 1.25 * load
     near, far = force(alpha, kappa, load), force(alpha + h * np.cos(way), kappa + h * np.sin(way), load)
     assert hypot(far[0] - near[0], far[1] - near[1]) <= 2 * stiffest * h
@@ -168,7 +168,7 @@ def test_grip_and_stiffness_per_load_decrease_with_load_to_a_minimum():
 
 @pytest.mark.parametrize("direction_deg", [0, 40, 90, 200])
 def test_dragged_wheel_without_rotation_slides_at_its_friction_limit(direction_deg):
-    """The bristles break away at the peak: the force rises to the ellipse and stays there."""
+    """The bristles slide at the peak force: the force rises to the ellipse and stays constant."""
     tyres = tyre_set(DEFAULT, TRACTOR)
     penetration = 1440.0 / tyres.stiffness[0]
     way = radians(direction_deg)

@@ -1,4 +1,4 @@
-"""Moments about the vertical: the aligning moment of a rolling tyre and the scrubbing moment of a turning one."""
+"""Tyre moments about the vertical: aligning moment while rolling, and scrubbing moment while turning."""
 
 from math import radians, sqrt, tan
 
@@ -19,18 +19,18 @@ GRIP = 0.75  # Friction under a scrubbing patch, as the tyres have it
 SUNK = TRACTOR.front_wheel.deflection
 HALF_M = sqrt(2 * 0.28 * SUNK)  # Half the chord that the static deflection of the front tyre cuts off [m]
 MOST = GRIP * TRACTOR.front_wheel.load * 0.16 / sqrt(8)
-"""Moment that turns a patch of 0.16 m width on the spot, by the rule of manufacturers of steering units [N m]."""
+"""Moment that turns a patch of 0.16 m width at standstill, by a rule of manufacturers of steering units [N m]."""
 
 
 class Turning:
-    """A front wheel at a constant load that turns about the vertical."""
+    """Front wheel that turns about the vertical at a constant load."""
 
     def __init__(self, tyre):
         self.tyres = tyre_set(tyre, TRACTOR)
         self.bristle, self.wrench, self.report = np.zeros(3), np.zeros(6), np.zeros(6)
 
     def moments(self, turns, v=0.0):
-        """Moment about the vertical after each step at the turn rates `turns` [rad/s], rolling at `v` [m/s]."""
+        """Return the moment about the vertical after each step, for turn rates `turns` [rad/s] and speed `v` [m/s]."""
         return np.array([self.step(turn, v) for turn in turns])
 
     def step(self, turn, v):
@@ -42,7 +42,7 @@ class Turning:
 
 
 def yawed(tyre, v, slip):
-    """Moment of a wheel that rolls at `v` and slides left by the tangent `slip`, at rest bristles long ago."""
+    """Return the steady moment of a wheel that rolls at `v` [m/s] and slides to the left by the tangent `slip`."""
     wheel = Turning(tyre)
     velocity = (v, v * slip if v > 0 else -v * slip, 0.0)
     motion = ((0, 0, 0.28 - SUNK), (0.0, 1.0, 0.0), velocity, (0.0, v / (0.28 - SUNK / 3), 0.0))
@@ -62,7 +62,7 @@ def test_aligning_moment_turns_a_wheel_towards_its_velocity(slip):
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize("slip", [-0.2, 0.03])
 def test_only_the_aligning_moment_acts_on_a_wheel_rolling_straight(way, slip):
-    """Its side force times the trail, behind the patch as it travels."""
+    """The aligning moment is the side force times the trail, which is behind the patch in the direction of travel."""
     wheel, trail = Turning(MagicFormula(trail_m=0.03)), 0.03
     motion = WheelMotion((0, 0, 0.28 - SUNK), (0.0, 1.0, 0.0), (way, slip, 0.0), (0.0, way / (0.28 - SUNK / 3), 0.0))
     for _ in range(100):
@@ -89,7 +89,7 @@ def test_aligning_moment_is_zero_without_a_trail():
 
 
 def test_drive_force_at_the_displaced_patch_turns_the_wheel():
-    """Its lever arm is the side force divided by the lateral stiffness of the carcass."""
+    """The lever arm of the drive force is the side force divided by the lateral stiffness of the carcass."""
     reading = Rig(MagicFormula(trail_m=0.0), TRACTOR).steady(Setting(1.0, 0.1, 0.05, 1400.0))
     arm = reading.fy / (0.45 * TRACTOR.front_wheel.stiffness)
     assert abs(arm) > 0.01
@@ -98,7 +98,7 @@ def test_drive_force_at_the_displaced_patch_turns_the_wheel():
 
 @pytest.mark.parametrize("tyre", SCRUBBING, ids=lambda tyre: tyre.kind)
 @pytest.mark.parametrize("turn", [-1.0, -0.2, 0.2, 1.0])
-def test_scrubbing_moment_opposes_rotation_at_rest_and_is_limited(tyre, turn):
+def test_scrubbing_moment_opposes_steering_at_standstill_and_is_limited(tyre, turn):
     wheel = Turning(tyre)
     moments = wheel.moments([turn] * 1000)
     assert (moments * turn < 0).all()

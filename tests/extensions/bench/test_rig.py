@@ -1,4 +1,4 @@
-"""The tyre rig: what it shows of each law, of MuJoCo's own contact, and what it leaves on disk."""
+"""Tyre rig: results for each tyre law and for MuJoCo's own contact, and written files."""
 
 from importlib import import_module
 from math import exp, radians, tan
@@ -89,7 +89,7 @@ def test_native_contact_slip_stiffness_scales_with_speed_and_impratio(towed):
 
 
 def test_native_contact_force_but_not_tyre_force_depends_on_speed(towed):
-    """The same slip angle at eight times the speed: eight times the force, against none the more."""
+    """At eight times the speed and equal slip angle, the contact force is eight times as large."""
     slow, fast = (Setting(v, radians(0.05), 0.0, STATIC[FRONT]) for v in (0.5, 4.0))
     assert towed.steady(fast).fy / towed.steady(slow).fy == pytest.approx(8.0, rel=0.01)
     rig = Rig(Linear(), TRACTOR)

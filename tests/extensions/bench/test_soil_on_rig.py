@@ -1,4 +1,4 @@
-"""The soil tyre: its book's formulas written out once more, their trends, and combined slip."""
+"""Soil tyre on the rig: an independent implementation of the published formulas, trends, and combined slip."""
 
 from itertools import product
 from math import exp, hypot, radians, sqrt, tan
@@ -19,12 +19,12 @@ SIZES = {
     FRONT: (0.16, 0.56, 0.28, TRACTOR.front_wheel.stiffness),
     REAR: (0.24, 0.84, 0.42, TRACTOR.rear_wheel.stiffness),
 }
-"""Section width, diameter, radius [m] and stiffness [N/m] of the default tractor's tyres."""
+"""Section width, diameter, radius [m] and stiffness [N/m] of the default tyres."""
 STATIC = {FRONT: TRACTOR.front_axle_load / 2, REAR: TRACTOR.rear_axle_load / 2}
 
 
 def numbers(soil, wheel, W):
-    """CI b d / W with the deflection's and the shape's factors, of [Brixius1987] and [GeeCloughSommer1981]."""
+    """Return the mobility numbers of [Brixius1987] and [GeeCloughSommer1981]: CI b d / W with tyre factors."""
     b, d, _, k = SIZES[wheel]
     h, delta, CI = soil.section_height_share * b, W / k, 1e3 * soil.cone_index_kpa
     B_n = (CI * b * d / W) * (1 + 5 * delta / h) / (1 + 3 * b / d)
@@ -33,7 +33,7 @@ def numbers(soil, wheel, W):
 
 
 def longitudinal(soil, wheel, W, kappa):
-    """Gross traction less motion resistance; in both 0.04 stands for the tyre's own loss, a moment here."""
+    """Return gross traction minus motion resistance [N]. The tyre's own loss, 0.04 in both terms, is a moment here."""
     B_n, _ = numbers(soil, wheel, W)
     s = kappa / (1 + kappa) if kappa > 0 else kappa
     gross = np.sign(s) * 0.88 * (1 - exp(-0.1 * B_n)) * (1 - exp(-7.5 * abs(s)))
@@ -43,7 +43,7 @@ def longitudinal(soil, wheel, W, kappa):
 
 
 def lateral_shape(soil, wheel, W):
-    """mu and B."""
+    """Return mu and B of the lateral force curve."""
     _, M = numbers(soil, wheel, W)
     if soil.ply == "bias":
         mu = 0.61 + 0.69 / M
@@ -90,7 +90,7 @@ def test_soil_force_law_evaluated_alone_equals_the_published_formula(ply, wheel,
     ("cone_index_kpa", "front", "rear"), [(450.0, 5.0, 8.9), (1200.0, 7.4, 15.0), (1800.0, 9.3, 20.0)]
 )
 def test_cornering_stiffness_at_each_cone_index_equals_documentation(cone_index_kpa, front, rear):
-    """The values [kN/rad] of docs/reference/models.md, for tyres that sink in by a quarter of their section height."""
+    """Values [kN/rad] from docs/reference/models.md, for tyre deflections of a quarter of the section height."""
     soil = Soil(cone_index_kpa=cone_index_kpa)
     stiffnesses = [STATIC[wheel] / (0.25 * 0.75 * SIZES[wheel][0]) for wheel in (FRONT, REAR)]
     names = ("front_tyre_stiffness_n_m", "rear_tyre_stiffness_n_m")
@@ -147,7 +147,7 @@ def test_force_at_combined_slip_is_dissipative_and_within_the_ellipse():
 
 
 def test_forces_at_small_combined_slip_are_independent():
-    """Both curves start along their tangents; together they bend as one: by at most the square of the slip."""
+    """Both curves are nearly linear at small slip; the interaction is at most of second order in the slip."""
     rig, W = Rig(Soil(), TRACTOR), 1400.0
     alpha, s = radians(0.2), 0.002
     fx, fy, *_ = rig.steady(Setting(1.0, alpha, s / (1 - s), W))

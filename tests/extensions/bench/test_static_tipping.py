@@ -1,4 +1,4 @@
-"""Tip-over angles against statics that include the roll on the tyres, the side deflection of the carcass, the pivot."""
+"""Tip-over angles compared with statics, including roll on the tyres, carcass deflection and axle pivot."""
 
 from math import atan, degrees
 
@@ -15,13 +15,13 @@ from agrobot_mj.terrain import Flat
 
 
 def scenario_of(machine, **keys):
-    """A bare machine on tyres of the magic formula."""
+    """Return a scenario with a machine without an implement on tyres of the magic formula."""
     fixed = {"machine": machine, "implement": {"kind": "none"}}
     return load_scenario("straight_line", fixed | {key.replace("__", "."): value for key, value in keys.items()})
 
 
 def tipping(scenario):
-    """Slope at which the upper rear wheel leaves the ground in the simulator [deg]."""
+    """Return the slope at which the upper rear wheel leaves the ground in the simulator [deg]."""
     plant = MujocoPlant(scenario.plant, scenario.vehicle, Flat().ground()._replace(surface=GRIPPING))
     plant.reset(ORIGIN)
     return tilt(plant, True, 60.0).lifted_deg
@@ -29,7 +29,7 @@ def tipping(scenario):
 
 @pytest.mark.parametrize("machine", sorted(machine_files()))
 def test_tipping_angle_with_a_deflecting_carcass_agrees_with_statics(machine):
-    """To 0.3 deg, and to 0.65 deg where the carcass yields by 0.17-0.33 of half the track, beyond small angles."""
+    """Tolerance is 0.3 deg, or 0.65 deg if the carcass deflects by 0.17-0.33 of half the track width."""
     scenario = scenario_of(machine)
     tractor, share = scenario.tractor, scenario.plant.tyre.carcass_lateral
     far = machine in ("orchard", "row_crop", "utility")
@@ -49,7 +49,7 @@ def test_tipping_angle_with_load_in_the_wheel_plane_agrees_with_statics(machine)
 
 @pytest.mark.parametrize("radii", [-0.2, 0.6])
 def test_tipping_angle_depends_on_the_height_of_the_axle_pivot(radii):
-    """A high pivot steepens the line about which the tractor tips."""
+    """A higher pivot increases the inclination of the line about which the tractor tips."""
     changed, usual = scenario_of("utility", tractor__axle_pivot_radii=radii), scenario_of("utility")
     assert tipping(changed) == pytest.approx(tipping_deg(changed.tractor, True), abs=0.3)
     assert abs(tipping_deg(changed.tractor, True) - tipping_deg(usual.tractor, True)) > 1.0

@@ -1,4 +1,4 @@
-"""A run starts with the tractor at rest, where its path starts."""
+"""Wheel loads on side slopes up to the tipping slope of the data sheet."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from agrobot_mj.tyres.patch import LOAD
 
 
 def across(machine, grade_deg):
-    """A bare machine on ground with grip enough, after its start across a slope: the plant."""
+    """Return the plant of a machine without an implement after its start across a slope with high friction."""
     terrain = Slope(grade_deg=grade_deg, direction_deg=-90.0) if grade_deg else Flat()
     ground = terrain.ground()._replace(surface=GRIPPING)
     scenario = load_scenario("straight_line", {"machine": machine, "implement": {"kind": "none"}})

@@ -1,4 +1,4 @@
-"""The report of a validation."""
+"""Report page of a validation."""
 
 import json
 

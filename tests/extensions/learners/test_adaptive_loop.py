@@ -1,4 +1,4 @@
-"""The steering loop that learns its valve: on a valve of known gain and dead band, sound and worn, and its guards."""
+"""Adaptive steering loop: learned gain and dead band of a new and a worn valve, and its guards."""
 
 from collections import deque
 from math import copysign, pi, radians, sin
@@ -16,8 +16,8 @@ NOISE = radians(0.08)
 
 
 def steer(loop, seconds, valve=SOUND, wanted=None, noise=NOISE, state=None, stuck=False):
-    """Return reference and true angles per tick and the state; delay and lag are 0.1 s, gains and dead bands left and
-    right."""
+    """Return reference and true angles per tick, and the state. Delay and lag are 0.1 s; `valve` contains the gains and
+    dead bands of both sides."""
     dt, angle, spool = 0.005, 0.0, 0.0
     state = state._replace(steer=None, piece=Stretch()) if state else loop.init()
     generator = np.random.default_rng(3)

@@ -1,4 +1,4 @@
-"""The observer with Stanley's law and LQR estimates unmodelled disturbances and compensates them."""
+"""Disturbance observer with Stanley's law and LQR: estimation and compensation of unmodelled disturbances."""
 
 from math import atan, radians, tan
 

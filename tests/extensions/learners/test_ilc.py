@@ -1,4 +1,4 @@
-"""The map by place: what it takes over from lap to lap against theory, its guards, and the law around it."""
+"""Iterative learning: update of the correction map from lap to lap compared with theory, its guards, and its law."""
 
 from math import exp, inf, log, pi, radians, sin
 
@@ -31,7 +31,7 @@ def disturbance(s: float) -> float:
 
 
 def laps(map_: LapMap, count: float, error=lambda lap, rest: rest, state: LapState | None = None, begin: float = 0.0):
-    """Drive laps on which the feedback corrects all that the map leaves of the disturbance; the state, and the rest."""
+    """Simulate laps in which the feedback corrects the residual disturbance. Return the state and the residuals."""
     state = map_.begun(begin, LAP) if state is None else state
     rests = []
     for s in np.arange(begin, begin + count * LAP, STEP):
@@ -44,7 +44,7 @@ def laps(map_: LapMap, count: float, error=lambda lap, rest: rest, state: LapSta
 @pytest.mark.parametrize("smoothing", [1.0, 2.0, 4.0])
 @pytest.mark.parametrize("gain", [0.3, 0.5, 1.0])
 def test_residual_error_decreases_from_lap_to_lap_as_predicted(gain: float, smoothing: float) -> None:
-    """By 1 - gain H, H the response of a Gaussian of that half-value width at the wavelength."""
+    """The error decreases by the factor 1 - gain H, where H is the response of the filter at the wavelength."""
     sigma = smoothing / (2 * (2 * log(2)) ** 0.5)
     H = exp(-2 * (pi * sigma * WAVES / LAP) ** 2)
     rests = laps(LapMap(gain=gain, smoothing_m=smoothing), 4)[1][: 4 * PER_LAP].reshape(4, -1)[
@@ -74,7 +74,7 @@ def test_correction_map_decays_after_the_disturbance_disappears() -> None:
 
 @pytest.mark.parametrize(("share", "most"), [(1.0, 0.05), (0.5, 0.95), (0.0, 1.02)])
 def test_correction_map_learns_only_corrections_that_repeat_every_lap(share: float, most: float) -> None:
-    """A fraction `share` of the power repeats in every lap; the rest is different in every lap and is not learned."""
+    """A fraction `share` of the power repeats in every lap; the other part is random and is not learned."""
     draw, map_ = np.random.default_rng(4), LapMap(guard=False)
     turn = np.arange(0.0, 1.0, STEP / LAP)
 

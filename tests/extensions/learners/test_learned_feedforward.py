@@ -1,4 +1,4 @@
-"""The learner around a feedback law: on a plant of known feed-forward, and when it must not learn."""
+"""Learned feed-forward with a feedback law: learning on a plant with known feed-forward, and inhibited learning."""
 
 from math import atan, cos, nan, radians, sin, tan
 
@@ -20,7 +20,7 @@ LAW = LearnedFeedforward().using(Pd())
 
 
 def _situation(path=None, t: float = 20.0, offset: float = 0.0, sigma: float = 0.01, **estimate) -> Situation:
-    """Return a situation on the path, or `offset` [m] to its left."""
+    """Return the situation of a tractor on the path, or `offset` [m] to its left."""
     path = path or Circle()
     r = path.at(t)
     x, y = r.x - offset * sin(r.yaw), r.y + offset * cos(r.yaw)

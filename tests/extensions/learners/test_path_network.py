@@ -23,8 +23,8 @@ def test_firing_strengths_sum_to_one_inside_and_outside_input_range(uncertainty:
 
 
 def test_network_without_uncertainty_equals_linear_interpolation() -> None:
-    """Triangular sets as wide as the distance of their centres form a partition of unity, so the output interpolates
-    linearly."""
+    """Triangular sets whose width equals the distance of their centres form a partition of unity, so that the output
+    is linear."""
     network = PathNetwork(uncertainty=0.0, speed_sets=1, roll_sets=1)
     centres = np.linspace(-network.curvature_range_per_m, network.curvature_range_per_m, network.curvature_sets)
     f = np.random.default_rng(2).normal(size=centres.size)

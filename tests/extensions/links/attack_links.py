@@ -1,4 +1,4 @@
-"""Hostile datagrams for the boards, for the host, and for a session between them, without sockets."""
+"""Hostile datagrams for the boards, for the host, and for a session without sockets."""
 
 import random
 from functools import cache, reduce
@@ -29,7 +29,7 @@ class Hostile:
         self.answers: list[bytes] = []
 
     def begin(self, turn: int):
-        """Return hostile datagrams before a turn."""
+        """Return hostile datagrams that arrive before a turn."""
         self.turn = turn
         return self._incoming(hostile(self.chance) for _ in range(self.chance.randrange(4)))
 
@@ -77,7 +77,7 @@ def guide() -> Guide:
 
 
 def datagrams(chance: random.Random) -> str:
-    """Send 200 messages to parser, board and host, or run a session of one second in which all of them take part."""
+    """Send 200 messages to parser, board and host, or run a session of one second with hostile datagrams."""
     if chance.random() < 0.3:
         keys = {"guidance.kind": "agopengps", "plant.kind": "bicycle", "duration_s": 1.0}
         options = LinkOptions(start=chance.choice(["heard", "now", "engaged"]), wait_s=0.5)

@@ -25,7 +25,7 @@ def host_process(port, board_port, *arguments):
 
 
 class Toy:
-    """Kinematic tractor without steering lag and noise, simulated for `duration` [s]."""
+    """Kinematic tractor without steering lag or noise, simulated for `duration` [s]."""
 
     WHEELBASE = 1.4
 

@@ -1,4 +1,4 @@
-"""The steer module in the board's own time: engagement, watchdog and latch, settings, answers, hostile datagrams."""
+"""Steering board: engagement, watchdog, latch, settings, replies, and hostile datagrams."""
 
 from math import degrees, radians
 from random import Random
@@ -32,13 +32,13 @@ class Rig:
         self.state, self.t, self.steer = self.board.init(), 0.0, 0.0
 
     def send(self, message, quiet=False):
-        """Answers of the board, decoded."""
+        """Send a message to the board and return its decoded replies."""
         data = message if isinstance(message, bytes) else encode(message)
         self.state, answers = self.board.receive(self.state, data, self.t, self.t, quiet)
         return [decode(answer) for answer in answers]
 
     def tick(self, message=None, ticks=1):
-        """Ticks with the same message in each; the last actuation."""
+        """Advance the board by some ticks with the same message in each tick, and return the last actuation."""
         for _ in range(ticks):
             if message is not None:
                 self.send(message)
@@ -242,7 +242,7 @@ def test_steering_error_of_the_board_uses_the_measured_angle():
     assert rig.tick(on(radians(10))).voltage < NEUTRAL_V
 
 
-def test_settings_from_the_host_act_at_once_and_are_kept_in_an_outage():
+def test_settings_from_the_host_apply_immediately_and_outlast_an_outage():
     rig = engaged(steer_by="pwm")
     rig.send(settings(high=255, least=20))
     assert rig.tick(on(radians(20))).voltage == pytest.approx(2 * NEUTRAL_V)
@@ -292,7 +292,7 @@ def test_host_settings_of_zero_cause_no_division_by_zero():
 
 
 def valid_steer_data(datagram):
-    """Whether a board must act on a datagram; written anew from the description of the frame."""
+    """Return whether a board must accept a datagram, by an independent implementation of the frame description."""
     return (
         len(datagram) >= 14
         and datagram[:4] == b"\x80\x81\x7f\xfe"
@@ -303,7 +303,7 @@ def valid_steer_data(datagram):
 
 
 def hostile(random):
-    """A datagram: noise, or a message of a host with bytes changed, cut or added, sometimes with a true check byte."""
+    """Return noise, or a message of a host with changed, missing or additional bytes and sometimes a valid checksum."""
     if random.random() < 0.2:
         return random.randbytes(random.randint(0, 1500))
     data = bytearray(encode(random.choice([on(), off(), settings(), SteerConfig(5), Hello(), Scan()])))

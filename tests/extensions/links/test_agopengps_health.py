@@ -1,4 +1,4 @@
-"""Messages and metrics of a link: latch, missing messages, start, waiting, cross-track error, replay."""
+"""Messages and metrics of a link: latch, missing messages, start, waiting, cross-track error, and replay."""
 
 import re
 from math import degrees
@@ -99,7 +99,7 @@ def test_run_with_start_option_engaged_begins_when_the_host_engages():
 
 
 class Bridge:
-    """The program that carries messages, without the one that steers."""
+    """Bridge program that forwards messages, without a guidance program."""
 
     pace = None
 
@@ -157,7 +157,7 @@ def headings(channel):
 
 
 class Listening(Direct):
-    """Keeps what the boards send."""
+    """Host that records the messages of the boards."""
 
     def __init__(self, guide):
         super().__init__(guide)
@@ -204,7 +204,7 @@ def test_error_for_an_invalid_latch_time_names_the_key():
 
 @pytest.mark.parametrize("host", ["agopengps", "agopenweb"])
 def test_cross_track_error_of_the_host_is_logged_and_a_metric(host):
-    """0.6 m to the right of the path, 0.6 m to the right of the host's line: the log counts left as positive."""
+    """The tractor is 0.6 m to the right of the path and of the host's line; logged errors are left positive."""
     keys = {"path__start_offset_m": -0.6, "guidance__host": host}
     log = run_link(scenario(40.0, **keys), Direct(guide("--dialect", host)), LinkOptions()).log
     t, off = log.column("t"), log.column("link_cross_track")
@@ -249,7 +249,7 @@ def test_slow_or_lossy_link_to_the_host_is_reported():
 
 
 class Deaf(Direct):
-    """A host that hears every third position."""
+    """Host that receives only every third position."""
 
     def send(self, data, target=None):
         self.cut = self.turn % 6 != 0
@@ -266,7 +266,7 @@ def test_fraction_of_positions_answered_by_the_host_is_a_metric():
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """Folder of a recorded drive of 3 s."""
+    """Return the folder of a recorded run of 3 s."""
     folder = tmp_path_factory.mktemp("recorded")
     done = run_link(scenario(3.0), Direct(guide()), LinkOptions())
     table = done.session.traffic.table(done.session.started, scenario(3.0).portable()[0])
@@ -278,7 +278,7 @@ def test_replay_with_a_different_scenario_is_rejected(recorded, tmp_path):
     replay = LinkOptions(replay=recorded / "link.parquet")
     link(scenario(2.0), tmp_path, replay)
     with pytest.raises(
-        ScenarioError, match=r"the record has path\.speed_m_s = 1\.5, but the scenario has 2\.0; replay it with the"
+        ScenarioError, match=r"the record has path\.speed_m_s = 1\.5, but the scenario has 2\.0; replay the record"
     ):
         link(scenario(3.0, path__speed_m_s=2.0), tmp_path, replay)
     with pytest.raises(ScenarioError, match=r"the record has .* \(and \d+ more\)"):
@@ -303,7 +303,7 @@ def test_scenario_with_other_guidance_is_rejected_before_opening_a_port(tmp_path
 
 
 def test_axle_offset_due_to_an_antenna_offset_is_reported_as_a_metric():
-    """An antenna 0.3 m left of the middle, unknown to the host: the axle is 0.3 m right of the host's line."""
+    """The antenna is 0.3 m left of the centre line, unknown to the host, so the axle is 0.3 m right of its line."""
     done, said = driven(Direct(guide()), 40.0, tractor__antenna_left_m=0.3)
     assert done.log.metrics["link"]["cross_track_offset"] == pytest.approx(-0.3, abs=0.04)
     far = round(-100 * done.log.metrics["link"]["cross_track_offset"])

@@ -1,4 +1,4 @@
-"""Runs over the link: convergence, outages, replay, hostile traffic; hosts in this process and in others."""
+"""Runs over the link: convergence, outages, replay, hostile messages, and hosts in this and other processes."""
 
 import subprocess
 import sys
@@ -36,7 +36,7 @@ from agrobot_mj.studies.compare_plan import plan
 
 LIMIT = radians(45)
 BESIDE = {"path.start_offset_m": 1.0, "path.speed_m_s": 1.5, "guidance.position": "paogi"}
-"""A tractor one metre to the left of the path, on which the host's line lies."""
+"""Scenario keys of a tractor that starts one metre to the left of the host's line."""
 DUAL = "sensors.gnss.dual_antenna.enabled"
 
 
@@ -112,7 +112,7 @@ def test_imu_data_are_sent_together_with_the_position():
 
 
 def test_antenna_tilt_error_is_corrected_only_if_the_host_receives_roll():
-    """Antenna 2 m up, slope of 5 deg: 17 cm that only the roll explains; the host's line is that of the antenna."""
+    """On a slope of 5 deg, an antenna at a height of 2 m is displaced by 17 cm."""
     keys = {"path__start_offset_m": 0.0, "duration_s": 40.0}
     offs = []
     for enabled in (False, True):
@@ -126,7 +126,7 @@ def test_antenna_tilt_error_is_corrected_only_if_the_host_receives_roll():
 
 @pytest.fixture(scope="module")
 def driven(tmp_path_factory):
-    """A line driven over UDP on loopback by a host in another process: log and folder."""
+    """Return log and folder of a run with a host in another process, over UDP on loopback."""
     folder = tmp_path_factory.mktemp("driven")
     own, other = free_ports()
     arguments = LinkOptions(port=own, host_port=other, pace="answered")
@@ -174,7 +174,7 @@ def test_replay_of_recorded_traffic_gives_bit_identical_signals(driven, tmp_path
 
 
 class Interrupted(Answered):
-    """Link that kills the process of its host once the host has commanded 8 deg for a second."""
+    """Link that kills the process of its host after the host has commanded 8 deg for a second."""
 
     def __init__(self, sockets, process):
         super().__init__(sockets)
@@ -209,7 +209,7 @@ def test_host_killed_in_a_turn_leaves_the_valve_neutral_and_latched(tmp_path):
 
 def test_reconnected_host_steers_only_after_disengaging():
     class Cut(Direct):
-        """Silent for four seconds; the host stays engaged all the while, and lets go for half a second at 12 s."""
+        """Host that is silent for four seconds, remains engaged, and disengages for half a second at 12 s."""
 
         def send(self, data, target=None):
             t = self.turn * TICK_S
@@ -234,7 +234,7 @@ def bytes_without_engagement(datagram):
 
 
 class Hostile(Direct):
-    """Nine datagrams of noise and broken frames for each of the host's."""
+    """Host whose messages are each accompanied by nine datagrams of noise and damaged frames."""
 
     random = Random(2)
 
@@ -299,10 +299,10 @@ def test_run_at_half_of_real_time_pace_takes_twice_as_long():
 
 
 @pytest.mark.parametrize("pace", ["0", "2", "fast", "nan"])
-def test_invalid_pace_is_rejected(call, pace):
+def test_invalid_value_of_the_pace_option_is_rejected(call, pace):
     status, out, err = call("link", "figure_eight", "--pace", pace)
     assert (status, out) == (2, "")
-    assert f"--pace {pace}: write real_time, answered, or a number from 0.05 to 1" in err
+    assert f"--pace {pace}: specify real_time, answered, or a number from 0.05 to 1" in err
 
 
 def test_host_program_exits_after_its_idle_time():
@@ -340,7 +340,7 @@ def test_second_link_on_the_same_port_is_rejected():
     ("arguments", "message"),
     [
         (["--address", "tractor"], "--address: 'tractor' is not an IPv4 address"),
-        (["--nmea", "10110"], "--nmea 10110: write address and port, for example 127.0.0.1:10110"),
+        (["--nmea", "10110"], "--nmea 10110: specify the address and port, for example 127.0.0.1:10110"),
         (["--nmea", "here:10110"], "--nmea: 'here' is not an IPv4 address"),
         (["--port", "70000"], "Invalid value for '--port'"),
         (["--host-port", "0"], "Invalid value for '--host-port'"),

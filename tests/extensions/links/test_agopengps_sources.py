@@ -1,8 +1,8 @@
-"""Our board beside doubles of real ones, written from what their sources say: the angle sensor's zero, and the roll.
+"""Simulated board compared with doubles of real boards and programs: zero of the angle sensor, and roll.
 
 Boards (AgOpenGPS-Official/Boards): AiO v2.5 Autosteer.ino:434, AiO v4 Autosteer.ino:423, Autosteer_UDP_v5.ino:501,
 and zHandlers.ino:91 of AiO v2.5. Programs: AgOpenGPS FormSteer.cs:911, AgOpenWeb AutoSteerConfigViewModel.cs:442. The
-doubles reckon as those do, in degrees with right positive.
+doubles follow these sources and compute in degrees with right positive.
 """
 
 from math import degrees, isnan, nan, radians, sin
@@ -22,7 +22,7 @@ HERE = Solution(1.0, 50.877, 4.699, 35.0, 1.5, 0.3)
 
 
 def shown_by_a_real_board(counts, offset, per_degree, ackermann, host):
-    """Angle [deg], right positive, that the firmware makes of a reading."""
+    """Return the angle, right positive [deg], that the firmware computes from sensor counts."""
     angle = (counts + offset if host == "agopengps" else counts - offset) / per_degree
     return angle * ackermann / 100 if angle < 0 else angle
 
@@ -33,7 +33,7 @@ def zero_pressed(offset, per_degree, shown, host):
 
 
 class Bench:
-    """Our board with an angle sensor that reads wrong, on wheels that are moved by hand."""
+    """Simulated board with a biased angle sensor, on wheels that are moved by hand."""
 
     def __init__(self, host, bias_deg=0.0, per_degree=30, invert=False):
         board = BoardSettings(counts_per_degree=per_degree)
@@ -93,13 +93,13 @@ def test_zero_button_of_the_host_removes_a_steering_sensor_offset(host, bias_deg
 
 
 def signed_bytes(datagram):
-    """Roll of 253 as QtAgOpenGPS reads it: both bytes with a sign, 8888 not known for none [deg]."""
+    """Return the roll in message 253 as QtAgOpenGPS reads it: two signed bytes, without a missing value [deg]."""
     low, high = (byte - 256 if byte > 127 else byte for byte in datagram[9:11])
     return (high * 256 + low) / 10
 
 
 def whole_number(datagram):
-    """Roll of 253 as AgOpenGPS reads it [deg]; NaN for none."""
+    """Return the roll in message 253 as AgOpenGPS reads it [deg], or NaN for a missing value."""
     value = int.from_bytes(datagram[9:11], "little", signed=True)
     return nan if value == 8888 else value / 10
 

@@ -1,4 +1,4 @@
-"""Sockets and the record of datagrams, on loopback."""
+"""Sockets on loopback, and the record of datagrams."""
 
 import socket
 import time

@@ -1,4 +1,4 @@
-"""The environment of Gymnasium: its API, what an agent sees, seeds, endings, many at once, pictures."""
+"""Gymnasium environment: interface, observations, seeds, ends of episodes, vector environments, and images."""
 
 import copy
 import os
@@ -47,7 +47,7 @@ def actions(env, count, seed=7):
 
 
 def episode(env, seed, **options):
-    """All that an episode under the same random actions gives."""
+    """Return the reset result and all step results of an episode with random actions."""
     observed, info = env.reset(seed=seed, **options)
     found = [(observed, 0.0, False, False, info)]
     for action in actions(env, 100):
@@ -334,7 +334,7 @@ def test_missing_opengl_message_names_the_setting():
 
 
 def returned(policy, scenario, ticks=400, **keywords):
-    """Return and last info of an episode under a policy of observations by name."""
+    """Return the sum of rewards and the last `info` of an episode. The policy receives observations by name."""
     env = FollowPath(scenario, **keywords)
     observed, _ = env.reset(seed=23)
     names, total = [part.name for part in env.components], 0.0
@@ -348,7 +348,7 @@ def returned(policy, scenario, ticks=400, **keywords):
 
 
 def steered(v):
-    """Curvature ahead, less cross-track and heading errors."""
+    """Return the steering action of a law: curvature ahead, minus weighted cross-track and heading errors."""
     return float(np.clip(1.8 * v["curvature_1m"] - 0.5 * v["cross_track"] - 1.3 * v["heading_error"], -1.0, 1.0))
 
 
@@ -380,7 +380,7 @@ def test_progress_along_a_path_segment_is_rewarded_only_once():
 
 
 def test_guidance_law_earns_more_reward_than_zero_steering():
-    """Most of the path before the headland turn is straight."""
+    """Zero steering also earns reward, because most of the path before the headland turn is straight."""
     law, _ = returned(steered, "headland_k_turn", ticks=860)
     nothing, info = returned(lambda v: (0.0,), "headland_k_turn", ticks=860)
     assert info["outcome"] == "off_path"

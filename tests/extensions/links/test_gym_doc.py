@@ -1,4 +1,4 @@
-"""docs/extensions/links/gym.md is true: its programs run, its table is that of the code."""
+"""docs/extensions/links/gym.md: its programs run, and its table agrees with the code."""
 
 import os
 import re

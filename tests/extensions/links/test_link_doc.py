@@ -1,4 +1,4 @@
-"""docs/extensions/links/link.md names the options, the rows of the demo and the metrics that there are."""
+"""docs/extensions/links/link.md names all existing options, rows of the demo and metrics."""
 
 import re
 from dataclasses import replace

@@ -26,7 +26,7 @@ def log():
 
 @pytest.fixture(scope="module")
 def read(log, tmp_path_factory):
-    """Messages by topic: (time since the start [s], decoded message)."""
+    """Return pairs of time since the start [s] and decoded message, by topic."""
     reader = pytest.importorskip("mcap_ros2.reader", reason="mcap is not installed (pip install agrobot-mj[mcap])")
     file = tmp_path_factory.mktemp("bag") / "run.mcap"
     count = write_mcap(log.scenario, log.signals, file)

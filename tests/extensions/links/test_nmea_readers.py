@@ -1,4 +1,4 @@
-"""NMEA output of the tractor, read by pynmeagps and, where installed, by gpsd."""
+"""NMEA output of the tractor, read by pynmeagps and, if installed, by gpsd."""
 
 import json
 import os
@@ -36,14 +36,14 @@ def free_port(kind=socket.SOCK_DGRAM):
 
 
 def sent_to(port, folder):
-    """Log of a run without a host, whose sentences go to `port`."""
+    """Return the log of a run without a host that sends its sentences to `port`."""
     scenario = load_scenario("circle", KEYS)
     arguments = LinkOptions(port=free_port(), host_port=free_port(), start="now", nmea=("127.0.0.1", port))
     return link(scenario, folder, arguments)
 
 
 def place(log, latitude, longitude):
-    """East and north [m]."""
+    """Return the east and north coordinates of a position [m]."""
     g = log.scenario.guidance
     return to_local(Origin(g.origin_lat_deg, g.origin_lon_deg), latitude, longitude)
 
@@ -75,7 +75,7 @@ def test_pynmeagps_reads_every_sentence(tmp_path):
 
 @pytest.fixture
 def gpsd(tmp_path):
-    """Its reports, and the port where it listens for sentences."""
+    """Yield the reports of gpsd, and the port on which gpsd receives sentences."""
     if GPSD is None:
         pytest.skip("gpsd is not installed (Debian: apt install gpsd)")
     port, control = free_port(), free_port(socket.SOCK_STREAM)

@@ -1,4 +1,4 @@
-"""Stepping from outside: the same run as `run`, commands in their units, messages for what cannot be."""
+"""Simulation controlled by an external program: velocity requests, and rejected commands."""
 
 import pytest
 

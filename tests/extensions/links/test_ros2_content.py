@@ -1,4 +1,4 @@
-"""ROS 2 messages as plain data: values, frames, what is not measured; the same live and from a log."""
+"""ROS 2 messages as plain data: values, frames and missing measurements, equal in a run and from a log."""
 
 from math import cos, isnan, nan, pi, radians, sin
 
@@ -43,7 +43,7 @@ def drive():
 
 
 def same(a, b):
-    """Equality in which NaN equals NaN."""
+    """Return whether two values are equal, where NaN equals NaN."""
     if isinstance(a, dict):
         return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
     if isinstance(a, list):
@@ -99,7 +99,7 @@ def test_fix_quality_determines_status_and_covariance_of_the_message(drive):
 
 
 def rotated(q, v):
-    """The vector `v` turned by the quaternion."""
+    """Return the vector `v` rotated by the quaternion `q`."""
     u, w = np.array([q["x"], q["y"], q["z"]]), q["w"]
     return v + 2 * np.cross(u, np.cross(u, v) + w * np.asarray(v))
 
@@ -160,7 +160,7 @@ def test_message_definitions_are_complete_and_match_the_published_fields(drive):
 
 
 def check(kind, content):
-    """The content has the fields of its type, in order, and nothing else."""
+    """Check that a message contains exactly the fields of its type, in order."""
     fields = [line.split() for line in DEFINITIONS[kind].split("\n") if "=" not in line]
     assert list(content) == [name for _, name, *_ in fields], kind
     for inner, name, *_ in fields:

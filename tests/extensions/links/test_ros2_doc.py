@@ -1,4 +1,4 @@
-"""docs/extensions/links/ros2.md and docs/third_party.md name the options, topics, keys and rows that there are."""
+"""docs/extensions/links/ros2.md and docs/third_party.md name all existing options, topics, keys and rows."""
 
 import ast
 import re

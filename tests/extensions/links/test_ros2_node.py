@@ -1,4 +1,4 @@
-"""The tractor as a real ROS 2 node, seen from other processes; skipped without the environment of `make ros`."""
+"""Tractor as a ROS 2 node, tested from other processes. Skipped without the environment of `make ros`."""
 
 import ast
 import json
@@ -79,7 +79,7 @@ rclpy.spin(node)
 
 @pytest.fixture
 def start(tmp_path):
-    """Start a program in the environment of ROS, in a domain of this test's own; ended with the test."""
+    """Yield a function that starts a program in the environment of ROS, in a separate domain, until the test ends."""
     running = []
     domain = 100 + os.getpid() % 100
     keep = {key: value for key, value in os.environ.items() if not key.startswith(("ROS_", "RMW_", "FAST"))}
@@ -154,7 +154,7 @@ def test_tractors_in_two_ros_namespaces_are_independent(start, tmp_path):
 
 
 def lines_of_code(file):
-    """Lines that are neither empty nor docstring, comment or import."""
+    """Return the number of lines without empty lines, docstrings, comments and imports."""
     text = file.read_text(encoding="utf-8")
     left_out = set()
     for node in ast.walk(ast.parse(text)):
@@ -168,7 +168,7 @@ def lines_of_code(file):
 
 
 def listening(pid):
-    """Local addresses of all sockets of a process that can receive."""
+    """Return the local addresses of all sockets on which a process can receive."""
     found = subprocess.run(["ss", "-H", "-lnptu"], capture_output=True, text=True, check=True).stdout
     return [line.split()[4].rpartition(":")[0] for line in found.splitlines() if f"pid={pid}," in line]
 
@@ -193,7 +193,7 @@ def test_ros2_link_communicates_only_on_loopback_by_default(start):
 
 
 WITHOUT = {"/path", "/tf", "/tf_static", "/cmd_vel", "/imu/data"}
-"""Topics that the file of a circle has not, or not in each tick, and those that the wheels of ROS cannot read."""
+"""Topics that are missing in the file of a circle or in some ticks, or that the ROS packages cannot read."""
 
 
 def test_ros_reads_the_mcap_export_of_a_run(start, tmp_path):

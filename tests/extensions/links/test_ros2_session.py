@@ -1,4 +1,4 @@
-"""A run over /cmd_vel with a double of the node: waiting, lock-step, silence, and what becomes of a request."""
+"""Runs controlled over /cmd_vel with a test double of the node: waiting, lock-step, silence and requests."""
 
 import time
 from math import atan, inf, isfinite, nan
@@ -50,7 +50,7 @@ class Program:
 
 
 def straight(content):
-    """Back to y = 0 at 1.5 m/s."""
+    """Return the speed 1.5 m/s and a yaw rate that steers back to y = 0."""
     y = content["pose"]["pose"]["position"]["y"]
     return 1.5, -0.3 * y - 2.0 * content["pose"]["pose"]["orientation"]["z"]
 
@@ -144,8 +144,8 @@ def test_non_finite_commands_are_counted_and_reported_once(bad):
 )
 @pytest.mark.parametrize("stop", [inf, 0.0], ids=["silence", "zero"])
 def test_tractor_stopped_by_the_program_stays_at_rest_until_the_end(machine, speed, stop):
-    """After 5 s the program falls silent, or asks for a speed of zero. 9.4 t spring back on
-    the carcasses by 8 cm, as the braking has deflected them.
+    """After 5 s the program is silent or requests zero speed. A tractor of 9.4 t moves back by 8 cm, because braking
+    has deflected the carcasses.
     """
     keys = {**KEYS, "plant.kind": "mujoco", "machine": machine, "duration_s": 12.0}
     sim = Simulation("straight_line", keys)

@@ -7,9 +7,9 @@ from agrobot_mj.extensions.logs.identify import fit
 
 @pytest.fixture
 def quick_fit(monkeypatch):
-    """Fit vehicle and sensors in one round with few noise realisations.
+    """Fit vehicle and sensors in one round with few noise samples.
 
-    The values are less accurate: the fixture is for tests of rejections, texts, files and large errors.
+    The results are less accurate. The fixture is for tests of rejections, texts, files and large errors.
     """
     monkeypatch.setattr(fit, "ROUNDS", 1)
     monkeypatch.setattr(fit, "SHORT", 1)

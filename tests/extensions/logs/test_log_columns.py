@@ -1,4 +1,4 @@
-"""Logs from outside are read as numbers, or refused by file and column with what to do."""
+"""Columns of external logs are read as numbers, or rejected with file, column and a remedy."""
 
 import numpy as np
 import pyarrow as pa
@@ -22,7 +22,7 @@ def write(tmp_path):
     return parquet
 
 
-def test_columns_of_every_numeric_type_are_read_as_floats_with_nan(write):
+def test_numeric_columns_of_every_type_are_read_as_floats_and_gaps_as_nan(write):
     file = write(
         t=T,
         whole=pa.array(range(100), pa.int16()),

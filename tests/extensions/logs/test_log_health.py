@@ -1,4 +1,4 @@
-"""The health of a log is told before any fit: scatter, bursts, steering centre over time, antenna position."""
+"""Health of a log without a fit: position noise, bursts, steering centre over time, and antenna position."""
 
 import numpy as np
 import pyarrow as pa
@@ -18,12 +18,12 @@ BICYCLE = load_scenario("straight_line", {"plant.kind": "bicycle", "tractor.whee
 
 
 def counts_about(centre):
-    """Readings of a potentiometer with this centre."""
+    """Return a function that converts wheel angles to potentiometer counts with the given centre."""
     return lambda wheel: centre + np.degrees(wheel) / SCALE
 
 
 def lines_of(columns, offset=432, **more):
-    """Sentences about a log whose map has this centre."""
+    """Return the sentences about a log whose map has the steering centre `offset`."""
     return health_lines([pa.table(columns)], field_map(columns, steer={"offset": offset, "scale": SCALE}, **more))
 
 
@@ -55,7 +55,7 @@ def test_steering_centre_that_moves_within_a_log_is_reported():
 
 
 def test_scatter_of_the_steering_centre_is_not_reported_as_a_movement():
-    """With positions of a receiver without a heading, the centres of the parts of the log differ only by noise."""
+    """For positions without a heading, the centres of the log parts differ only by noise."""
     columns = field_log(DRIVEN, counts=counts_about(432), heading=False, noise_m=0.08, every=10)
     (told,) = [line for line in lines_of(columns) if "steering centre: " in line]
     centres = [float(part.split()[0]) for part in told.split("centre: ")[1].split("), ")]

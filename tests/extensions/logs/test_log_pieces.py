@@ -1,4 +1,4 @@
-"""Recordings are cut where they say nothing, and a speed without sign gets one."""
+"""Division of recordings into usable segments, and the sign of an unsigned speed."""
 
 import numpy as np
 import pyarrow as pa
@@ -22,7 +22,7 @@ MAP = {
 
 
 def shunt(turned=0.0, heading=True, offset=(0.0, 0.0)):
-    """Forward for 30 s, back for 10 s round a bend, forward again, at 20 Hz with fixes at 10 Hz, then 5 s of rest."""
+    """Return a log at 20 Hz: forward for 30 s, reverse in a bend for 10 s, forward again, and 5 s at rest."""
     t = np.arange(0, 75, 0.05)
     speed = np.interp(t, [0, 3, 5, 28, 30, 30.5, 32, 40, 41, 43, 69, 70, 75], [0, 0, 2, 2, 0, 0, -1, -1, 0, 2, 2, 0, 0])
     yaw = np.cumsum(0.12 * speed * np.sin(t / 5)) * 0.05
@@ -45,7 +45,7 @@ def read(columns, log_map):
 @pytest.mark.parametrize("turned", [0.0, 90.0, 180.0])
 @pytest.mark.parametrize("heading", [True, False])
 def test_reverse_segments_are_found_with_unsigned_speed(turned, heading):
-    """This includes antennas mounted across the machine and a single antenna."""
+    """Cases include two antennas across the machine and a single antenna."""
     speed, columns, log_map = shunt(turned, heading)
     found = pieces([read(columns, log_map)])
     (kept,) = found.kept
@@ -141,7 +141,7 @@ def test_comparison_with_the_heading_rejects_swapped_position_axes():
     _, columns, log_map = shunt()
     with pytest.raises(
         FieldLogError,
-        match=r"positions turn right where the heading turns left; check whether the "
+        match=r"positions turns right where the heading turns left; check whether the "
         r"east and north columns of",
     ):
         check_columns(pieces([read(columns | {"x": columns["y"], "y": columns["x"]}, log_map)]).kept)
@@ -198,7 +198,7 @@ def test_positions_that_jump_away_and_back_are_omitted(heading):
 
 
 def test_permanent_position_jump_divides_a_log_into_segments():
-    """Another base station, by 1.2 m: the way before and after, none about it, and no turn is made of it."""
+    """A new base station shifts positions by 1.2 m. Both segments exclude the jump, which is not a turn."""
     _, columns, log_map = shunt(heading=False)
     (clean,) = pieces([read(columns, log_map)]).kept
     moved = {"x": columns["x"] + 1.2 * (columns["t"] > 20.05)}

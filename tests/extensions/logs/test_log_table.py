@@ -1,4 +1,4 @@
-"""The table of public logs has one row per log and release, which is never changed. Files are compared by intervals."""
+"""The table of public logs has one permanent row per log and release. Files are compared by their intervals."""
 
 from types import SimpleNamespace
 

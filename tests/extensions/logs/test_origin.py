@@ -1,4 +1,4 @@
-"""A result from logs carries the identity of all that it comes from."""
+"""A result from logs contains the identity of all its inputs."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""paper.md and the page real_machine.md have the same numbers."""
+"""Numbers in paper.md equal those on the page real_machine.md."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Columns under a map become series in SI units, and what is not recorded is derived."""
+"""Conversion of log columns by a map to series in SI units, and derived quantities."""
 
 from math import pi, sin
 
@@ -63,7 +63,7 @@ def test_position_noise_is_smoothed_when_deriving_the_yaw_rate():
 
 
 def test_averaging_by_the_steering_sensor_is_compensated():
-    """The mean of a sine of w over a time a falls short by sin(w a / 2) / (w a / 2)."""
+    """Averaging a sine of frequency w over a time a multiplies its amplitude by sin(w a / 2) / (w a / 2)."""
     w, a = 2.0, 0.4
     angle = 0.2 * np.sin(w * T)
     averaged = angle * sin(w * a / 2) / (w * a / 2)
@@ -151,7 +151,7 @@ def test_heading_in_radians_mapped_as_degrees_is_detected_by_wrapping(zero):
 
 
 def test_outliers_are_omitted_and_reported():
-    """Each of the wheel angle, the speed, the gyro and a wrapping heading has outliers in its own column."""
+    """Wheel angle, speed, gyro and a wrapping heading each have outliers."""
     columns = COLUMNS | {"g": np.full(len(T), YAW_RATE), "h": np.degrees(YAW) % 360.0}
     columns["g"] += 0.001 * np.random.default_rng(2).standard_normal(len(T))
     columns["speed"] = SPEED + 0.01 * np.sin(T)

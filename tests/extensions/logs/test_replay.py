@@ -1,4 +1,4 @@
-"""A recording of a plant, replayed on the same plant, leaves the noise of its sensors; on another, more."""
+"""Replay of a simulated recording: on the same plant only sensor noise remains, on another plant more."""
 
 import json
 from math import degrees, radians
@@ -113,7 +113,7 @@ def test_replayed_valve_has_the_delay_and_dead_band_of_the_log(driven):
 
 
 def test_replay_with_another_tractor_has_larger_residuals(driven):
-    """Soft front tyres understeer: at 1.2 m/s by 4 %."""
+    """Soft front tyres understeer by 4 % at 1.2 m/s."""
     soft = driven.scenario.changed({"plant.front_cornering_stiffness_n_rad": 4000.0})
     found, right = replay(driven.signals, None, soft).metrics, replay(driven.signals, None, driven.scenario).metrics
     assert found["yaw_rate"]["lag_s"] < right["yaw_rate"]["lag_s"] - 0.05
@@ -260,7 +260,7 @@ def test_course_of_positions_is_used_without_gyro_and_heading(driven):
         ('quality = "fix"', 'quality = "fix"\naccepted = [7]', "contain 0 positions with 'fix' in [7]"),
     ],
 )
-def test_replay_command_reports_errors(driven, tmp_path, call, old, new, told):
+def test_replay_command_reports_errors_in_the_map(driven, tmp_path, call, old, new, told):
     as_csv(driven, tmp_path / "log.csv")
     (tmp_path / "map.toml").write_text(MAP.replace(old, new, 1))
     status, _, err = call(

@@ -1,4 +1,4 @@
-"""docs/extensions/logs/replay.md: its map is a map, its options, keys and columns exist."""
+"""docs/extensions/logs/replay.md: its map is valid, and its options, keys and columns exist."""
 
 import re
 import tomllib

@@ -1,4 +1,4 @@
-"""Lines of a logging program with their times: sentences of a receiver, and JSON of a steering sensor and an IMU."""
+"""Timed lines of a logging program: sentences of a receiver, and JSON of a steering sensor and an IMU."""
 
 import numpy as np
 import pytest
@@ -14,12 +14,12 @@ CENTRE, DEG_PER_COUNT = 1538, 0.013
 
 
 def angle_text(value, digits):
-    """Degrees and minutes of a sentence."""
+    """Return an angle in degrees and minutes, as in a sentence."""
     return f"{int(value):0{digits}d}{60 * (value % 1):010.7f}"
 
 
 def lines_of(columns):
-    """Lines of a log; every tenth row has sentences of the receiver."""
+    """Return the lines of a log, in which every tenth row has sentences of the receiver."""
     lines, start = [], np.datetime64("2026-05-04T23:59:40", "us")
     for k, t in enumerate(columns["t"]):
         time, heading = start + np.timedelta64(round(1e6 * t), "us"), (90 - columns["heading"][k]) % 360

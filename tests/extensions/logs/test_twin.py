@@ -1,4 +1,4 @@
-"""A stranger's log becomes a twin in one command, and its intervals hold what was hidden."""
+"""Digital twin from the log of an unknown machine: intervals contain the hidden parameters."""
 
 import json
 import re
@@ -31,7 +31,7 @@ quickly = pytest.mark.usefixtures("quick_fit")
 
 
 def twin_of(seed, folder):
-    """The command on the log of a machine; returns what was hidden and what was found."""
+    """Run the command `twin` on the log of a machine. Return hidden parameters, result and output."""
     h = write_log(seed, folder / "log.csv")
     (folder / "map.toml").write_text(MAP)
     given = (folder / "log.csv", "--map", folder / "map.toml", *BICYCLE, "--out", folder / "twin")
@@ -44,7 +44,7 @@ def twin_of(seed, folder):
 
 
 def inside(h, found):
-    """Whether the truth is inside the interval, by quantity."""
+    """Return whether the true value is inside the interval, by quantity."""
     ends = {key: (found[key]["low"], found[key]["high"]) for key in answers(h)}
     return {
         key: (low is None or low <= true) and (high is None or true <= high)
@@ -57,7 +57,7 @@ TURNED, AHEAD, LEFT, TO_CG = radians(30), 0.4, 0.3, 0.7
 
 
 def straight(sigma):
-    """Recording of 1000 s at 5 m/s, fixes at 10 Hz, of a point ahead of and to the left of R on a line at 30 deg."""
+    """Return a recording of 1000 s at 5 m/s with fixes at 10 Hz of a point off R, along a line at 30 deg."""
     t = np.arange(0, 1000, 0.1)
     random, c, s = np.random.default_rng(5), cos(TURNED), sin(TURNED)
     ahead, left = 5.0 * t + AHEAD, LEFT + sigma * random.standard_normal(len(t))
@@ -129,7 +129,7 @@ def made(tmp_path_factory):
 
 @pytest.fixture
 def one(made):
-    """Folder of a twin."""
+    """Return the folder of one twin."""
     return made[0]
 
 
@@ -189,7 +189,7 @@ def test_twin_files_document_identified_values_and_run(one, call):
 
 
 def test_calibration_with_a_calibrated_map_finds_no_further_offset(one):
-    """The map contains the calibrated values, so the command confirms the steering centre."""
+    """The map contains the calibrated values, so the command reports no further correction of the centre."""
     found = calibrate([one / "log.csv"], read_map(one / "twin" / "map.toml"), load_scenario("straight_line"), 5, 60)
     assert not found.found["steer.offset"].excludes(found.steer.offset)
     assert abs(found.found["heading.delay_s"].value - read_map(one / "twin" / "map.toml").heading.delay_s) < 0.03
@@ -197,7 +197,7 @@ def test_calibration_with_a_calibrated_map_finds_no_further_offset(one):
 
 @quickly
 def test_effect_of_a_wrong_steering_centre_is_given_in_centimetres(one, tmp_path, call):
-    """15 counts off: tan(15 scale) 2^2 / (2 L) to the side of pure pursuit, less 2 m times the heading's error."""
+    """15 counts give tan(15 scale) 2^2 / (2 L) for pure pursuit, minus 2 m times the heading error."""
     h = hidden(0)
     text = (one / "twin" / "map.toml").read_text()
     given = tomllib.loads(text)["steer"]
@@ -213,7 +213,7 @@ def test_effect_of_a_wrong_steering_centre_is_given_in_centimetres(one, tmp_path
 
 
 @quickly
-def test_twin_command_calibrates_and_replays_and_prints_json(one, tmp_path, call):
+def test_twin_command_calibrates_replays_and_prints_json(one, tmp_path, call):
     given = (one / "log.csv", "--map", one / "twin" / "map.toml", *BICYCLE, "--to", 60, "--out", "parts")
     status, out, err = call("twin", *given, "--only", "calibrate,replay", "--json")
     assert (status, err) == (0, "")
@@ -252,7 +252,7 @@ def test_latency_outside_the_search_range_is_rejected(one):
 
 @lengths
 def test_twin_command_turns_a_log_into_a_scenario_that_runs(tmp_path, full):
-    """What the owner did not know is found within its interval, his centre is outside, and the twin drives."""
+    """Hidden values are inside their intervals, the owner's steering centre is outside, and the twin runs."""
     pairs = "(found.found['steer.offset'], CENTRE), (found.found['steer.scale'], SCALE)"
     ends = f"[[found.low, hidden, found.high] for found, hidden in ({pairs})]"
     said, (centre, scale) = executed(tmp_path, "log_to_twin", full, ends)

@@ -1,4 +1,4 @@
-"""The files of a twin have all that a calibration estimates: map, machine, and latencies as faults of the scenario."""
+"""Files of a twin contain all calibrated quantities: map, machine, and latencies as faults of the scenario."""
 
 import tomllib
 
@@ -22,7 +22,7 @@ AHEAD, LATE_ROWS = 0.8, 3
 
 @pytest.fixture(scope="module")
 def calibrated():
-    """Sensor with a wrong centre, a wrong scale and two scales; antenna ahead; heading three ticks older than fixes."""
+    """Return the calibration of a sensor with wrong centre and two wrong scales, and with a delayed heading."""
     columns = field_log(path(duration=60.0, swing_deg=14.0), counts=two_sided(0.085, 0.115), ahead=AHEAD)
     columns["heading"] = np.concatenate([columns["heading"][:1].repeat(LATE_ROWS), columns["heading"][:-LATE_ROWS]])
     steer = {"offset": CENTRE + 20, "scale": 0.1}
@@ -51,7 +51,7 @@ def test_latency_above_that_of_the_receiver_is_written_as_a_fault(calibrated):
 
 @pytest.mark.usefixtures("quick_fit")
 def test_written_map_keeps_every_estimated_value_with_its_interval():
-    """Values that round to their defaults are kept, too."""
+    """Values that are rounded to their defaults are also written."""
     columns = field_log(path(duration=40.0, swing_deg=12.0))
     found = calibrate([pa.table(columns)], field_map(columns), UTILITY)
     text = map_lines(found)

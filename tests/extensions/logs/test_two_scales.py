@@ -1,4 +1,4 @@
-"""A steering sensor that reads differently to each side has the right centre and both scales."""
+"""Calibration of a steering sensor with different scales to the left and right: centre and both scales."""
 
 from math import degrees
 
@@ -16,7 +16,7 @@ CENTRE = 2040
 
 
 def two_sided(left, right, positive=1.0):
-    """Readings of wheel angles [rad] with two scales [deg per reading]."""
+    """Return a function from wheel angles [rad] to sensor counts with two scales [deg/count]."""
 
     def counts(wheel):
         angle = np.degrees(wheel)

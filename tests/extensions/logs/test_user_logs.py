@@ -1,4 +1,4 @@
-"""Logs as users record them: slow sensors, noisy positions, antennas ahead, bursts."""
+"""Typical logs of users: slow sensors, noisy positions, antennas ahead of the axle, and bursts."""
 
 import numpy as np
 import pyarrow as pa
@@ -83,7 +83,7 @@ def test_speed_mapped_as_a_signed_value_keeps_its_sign():
 
 
 def test_rejection_names_a_wrong_antenna_position_as_the_reason():
-    """The machine turns nearly on the spot about its rear axle: 40 m of positions, but 23 m by speed."""
+    """The machine turns nearly on the spot: the track length is 40 m by positions, but 23 m by speed."""
     driven = path(speed=0.5, swing_deg=65.0)
     columns = field_log(driven, ahead=5.0)
     with pytest.raises(

@@ -18,7 +18,7 @@ CHROMIUM = next(
 )
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 GL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-"""Options for rendering by software on machines without a graphics card."""
+"""Options for software rendering on machines without a graphics card."""
 CODES = {"ArrowUp": 38, "ArrowDown": 40, "ArrowLeft": 37, "ArrowRight": 39, "KeyL": 76, "KeyH": 72, "Space": 32}
 
 

@@ -1,4 +1,4 @@
-"""A run goes on under another scenario as if it had been that one from the start."""
+"""Continuation of a run with another scenario, as if this scenario had been simulated from the start."""
 
 import pytest
 
@@ -14,7 +14,7 @@ FLOAT = {"kind": "gnss_float", "start_s": 2.05}
 
 @pytest.fixture
 def sim():
-    """A circle after two seconds."""
+    """Return a simulation of a circle after two seconds."""
     found = Simulation("circle", SCENARIO | {"fault": [{"kind": "gnss_latency", "start_s": 0.5, "end_s": 4.0}]})
     found.reset()
     for _ in range(40):
@@ -23,7 +23,7 @@ def sim():
 
 
 def with_faults(sim, *more, **first):
-    """The scenario of a simulation with another first fault and more faults."""
+    """Return the scenario of a simulation with a changed first fault and additional faults."""
     own = sim.scenario.fault[0].model_dump(mode="json", exclude_none=True)
     return sim.scenario.changed({"fault": [{**own, **first}, *more]})
 
@@ -64,7 +64,7 @@ def test_duration_of_a_continued_run_may_be_reduced(sim):
         ({"seed": 5}, "seed must not change"),
         ({"path.radius_m": 12.0}, "path must not change"),
         ({"guidance.kind": "lqr"}, "guidance.kind must not change"),
-        ({"duration_s": 1.0}, "must not be before the present time, 2 s"),
+        ({"duration_s": 1.0}, "must be at least the current time, 2 s"),
         ({"fault": []}, r"fault\[0\]: the change must not affect the time before"),
     ],
 )

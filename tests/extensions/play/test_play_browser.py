@@ -1,4 +1,4 @@
-"""Real key events in a headless browser: the tractor moves, a law takes over, and a fast turn on a slope tips it."""
+"""Real key events in a headless browser: manual driving, handover to a law, and a rollover on a slope."""
 
 import threading
 import time
@@ -11,12 +11,12 @@ from agrobot_mj.extensions.play.play import Play, PlayOptions, play
 from agrobot_mj.scenario.loading import load_scenario
 
 PATIENCE_S = 240.0
-"""Maximum wait for an effect of a key: software rendering on a loaded machine takes seconds for each picture [s]."""
+"""Maximum wait for the effect of a key [s]. On a loaded machine, software rendering takes seconds per frame."""
 
 
 @pytest.fixture
 def game(tmp_path, monkeypatch):
-    """Start a drive, and a browser on its page; the function returned yields both once the page has shown it."""
+    """Yield a function that starts a drive and a browser, and returns both once the page is displayed."""
     stop, pages, games, threads = threading.Event(), [], [], []
     loop = playing._loop
 

@@ -1,4 +1,4 @@
-"""A drive without a viewer: inputs, adjustments, faults, kept states, and the run that repeats it."""
+"""Drive without a viewer: inputs, adjustments, faults, saved states, and the run that reproduces the drive."""
 
 from math import radians
 
@@ -26,7 +26,7 @@ def drive(session, ticks, steer=0.0, speed=1.5):
 
 
 def repeated(session, folder):
-    """Whether the saved scenario repeats a session, to the last bit."""
+    """Return whether a run of the saved scenario is bit-identical to the session."""
     log = save(session, folder, recorded=False)
     again = run(load_scenario(folder / "scenario.toml"))
     assert again.outcome == log.outcome

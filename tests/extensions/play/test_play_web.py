@@ -1,4 +1,4 @@
-"""The page of `agrobot-mj play`: reachable from this machine alone, and ended by the command."""
+"""Server of the page of `agrobot-mj play`: its network access, its messages, and its end with the command."""
 
 import json
 import os
@@ -58,7 +58,7 @@ def alone(test):
 
 
 def listeners(pid):
-    """Addresses on which a process listens, as hexadecimal text of the kernel."""
+    """Return the addresses on which a process listens, as hexadecimal text of the kernel."""
     inodes = set()
     for fd in Path(f"/proc/{pid}/fd").iterdir():
         try:
@@ -75,7 +75,7 @@ def listeners(pid):
 
 
 def wait_for(port):
-    """Wait until the page answers; the server runs in a separate thread."""
+    """Wait until the server of the page, which runs in a separate thread, replies."""
     end = time.monotonic() + 30
     while True:
         try:
@@ -89,7 +89,7 @@ def wait_for(port):
 
 @contextmanager
 def served(network=False, pad=None):
-    """A viewer without a model; yields its port and the addresses on which this process listens in addition."""
+    """Start a viewer without a model. Yield its port, and the addresses on which this process additionally listens."""
     before = listeners("self")
     handle, viewer = web.launch(0, network, [], [], pad or Gamepad())
     port = viewer.port

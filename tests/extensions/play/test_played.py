@@ -1,4 +1,4 @@
-"""Guidance by a table of inputs, and laws that take over."""
+"""Guidance by a table of inputs, and handover to guidance laws."""
 
 from math import isnan, nan
 
@@ -16,7 +16,7 @@ LINE = "tick,law,steer_rad,speed_m_s\n"
 
 
 def played(file, laws=(), **keys):
-    """A circle driven by a table."""
+    """Return the scenario keys for a circle with inputs from a table."""
     return {"guidance": {"kind": "played", "inputs": {"file": str(file)}, "laws": list(laws)}, **BICYCLE, **keys}
 
 

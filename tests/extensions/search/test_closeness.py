@@ -1,4 +1,4 @@
-"""Closeness to a condition: the metric at the end, nothing of what is to come."""
+"""Margin of a run to a failure condition: equal to the final metric at the end, and independent of later ticks."""
 
 from dataclasses import replace
 
@@ -51,7 +51,7 @@ def test_failure_margin_at_a_tick_uses_no_later_data(log, until):
 
 
 def test_failure_margin_does_not_anticipate_an_early_end_of_the_run():
-    """With twice the duration, the margin is half as large until the tractor has passed the end of its path."""
+    """With twice the duration, the margin is half as large until the tractor has reached the end of the path."""
     keys = {"plant.kind": "bicycle", "guidance.kind": "lqr"}
     logs = [run(load_scenario("lane_change", {**keys, "duration_s": seconds})) for seconds in (60.0, 120.0)]
     ticks = logs[0].rows.filled
@@ -82,7 +82,7 @@ def test_failure_margin_by_a_score_signal_is_its_magnitude(log):
     assert Closeness("xte_rms > 1", "yaw_rate")(log) == pytest.approx(np.abs(log.column("yaw_rate")))
 
 
-def test_level_increases_at_each_new_maximum_of_the_failure_margin(log):
+def test_level_increases_whenever_the_run_comes_closer_to_failure(log):
     found, close = Rises(Closeness("xte_abs_max > 0.02"))(log), Closeness("xte_abs_max > 0.02")(log)
     assert found["ticks"] == 80
     ticks, levels = zip(*found["rises"], strict=True)

@@ -1,4 +1,4 @@
-"""The gains that ship are those of the search for all laws, and the paper's are there by name."""
+"""Default gains are the result of the search for all laws; the paper's gains are available by name."""
 
 import json
 import tomllib
@@ -20,7 +20,7 @@ TRACES = Path(__file__).parents[3] / "docs" / "tuning"
 
 
 def shipped(law: str) -> Scenario:
-    """A scenario that names a law of the search and no gains."""
+    """Return a scenario with the kinds of a tuned law and without gains."""
     kinds = {key: value for key, value in SEARCH.laws[law].set.items() if key.endswith(".kind")}
     return load_scenario("straight_line", kinds)
 

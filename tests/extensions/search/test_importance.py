@@ -1,4 +1,4 @@
-"""Importance of a sweep's draws: the designs, and what they tell of functions whose indices are known."""
+"""Importance of random parameters: sampling designs, and results for functions with known indices."""
 
 import json
 from math import pi, sqrt
@@ -30,7 +30,7 @@ def in_file(folder):
 
 
 def plain(found):
-    """Influences as JSON has them."""
+    """Return influences as JSON values."""
     return [
         {**each._asdict(), "flaws": list(each.flaws), "shares": [share._asdict() for share in each.shares]}
         for each in found
@@ -39,7 +39,7 @@ def plain(found):
 
 @pytest.fixture
 def plan(tmp_path):
-    """Return the plan of a design with numbers of samples and seeds; its two groups differ in a key without effect."""
+    """Return the plan of a design with numbers of samples and seeds, and two groups that differ in an unused key."""
 
     def made(samples, seeds=1, method="saltelli"):
         text = TEXT.replace("SAMPLES", str(samples)).replace("SEEDS", str(seeds)).replace("METHOD", method)
@@ -50,7 +50,7 @@ def plan(tmp_path):
 
 
 def ishigami(x1, x2, x3, a=7.0, b=0.1):
-    """The test function of Ishigami and Homma."""
+    """Return the value of the test function of Ishigami and Homma."""
     return np.sin(x1) + a * np.sin(x2) ** 2 + b * x3**4 * np.sin(x1)
 
 
@@ -62,7 +62,7 @@ ISHIGAMI_TOTAL = np.array([V1 + V13, V2, V13]) / ISHIGAMI_VARIANCE  # Sobol indi
 
 
 def written(plan, folder, left_out=0):
-    """A folder as `sweep` would leave it, with the function as its metric; in the second group without x3."""
+    """Write a folder like that of `sweep`, with the function as metric. In the second group, x3 is 0."""
     claim(folder, ("sweep.toml", "sweep.parquet"))
     (folder / "sweep.toml").write_text(tomli_w.dumps(resolved(plan.sweep)))
     rows = []
@@ -166,7 +166,7 @@ def test_unsuitable_designs_and_odd_sample_numbers_are_rejected(plan, tmp_path):
 
 
 def linear_total(d):
-    """Total indices of `linear`, and the weights of its terms."""
+    """Return the total indices of `linear` and the weights of its terms."""
     weights = np.zeros(d)
     weights[:4] = (1.0, 0.7, 0.4, 0.1)
     parts = weights**2
@@ -175,20 +175,20 @@ def linear_total(d):
 
 
 def linear(x):
-    """Four straight lines of different slopes and the product of two numbers, of x on (0, 1), shape (n, d)."""
+    """Return four linear terms and one product term of x on (0, 1), shape (n, d)."""
     u = np.sqrt(12.0) * (x - 0.5)
     return u @ linear_total(x.shape[1])[1] + 0.3 * u[:, 0] * u[:, 2]
 
 
 def claims(found):
-    """Yield pairs of keys of which the first is ranked above the second."""
+    """Yield pairs of keys in which the first key is ranked above the second."""
     return [(a.key, b.key) for a in found.shares for b in found.shares if a.worst < b.best]
 
 
 @pytest.mark.parametrize("name", ["importance", "importance_sobol"])
 @pytest.mark.parametrize("function", ["ishigami", "linear"])
 def test_shipped_designs_rank_inputs_of_known_functions_correctly(name, function):
-    """The plan's own points and seeds, 20 times; a fifth of the standard deviation of a run is noise."""
+    """Points and seeds are those of the plan, for 20 seeds of the design. A fifth of the deviation is noise."""
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
     sweep = read_sweep(name)
     keys, seeds = list(sweep.file.draws), len(sweep.seeds)
@@ -233,8 +233,8 @@ def test_linear_effects_are_not_ranked_above_larger_nonlinear_effects():
 
 
 def test_variation_between_seeds_is_not_attributed_to_a_parameter():
-    """The model is a line, noise of a quarter of the variance, and a parameter without effect, whose total index is
-    noise."""
+    """The metric is a line plus noise with a quarter of the variance. A parameter without effect has a total index due
+    to noise."""
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
     random = np.random.default_rng(1)
     a, b = random.random((2, 2048, 2))
@@ -257,12 +257,12 @@ def test_regression_residual_is_below_its_bound_in_95_percent_of_cases():
 
 
 def quantiles(values, ends, logarithmic):
-    """Where values lie between two ends, 0 to 1."""
+    """Return the positions of values between two ends, from 0 to 1."""
     values, (low, high) = (np.log(values), np.log(ends)) if logarithmic else (values, ends)
     return (values - low) / (high - low)
 
 
-def test_indices_that_are_impossible_or_from_few_samples_are_not_ranked(plan, tmp_path):
+def test_indices_out_of_range_or_from_few_samples_are_not_ranked(plan, tmp_path):
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
     found = importance(written(plan(16), tmp_path / "out"))
     assert all(share.rank == "1-3" for each in found for share in each.shares)

@@ -25,7 +25,7 @@ def test_sequential_interval_contains_the_wilson_interval(successes, runs):
 
 @pytest.mark.parametrize(("rate", "confidence"), [(0.5, 0.8), (0.8, 0.8), (0.95, 0.9), (0.3, 0.6)])
 def test_sequential_interval_covers_the_success_rate_after_every_run(rate, confidence):
-    """Evaluated after each of 70 runs, the fixed Wilson interval misses the rate at some evaluation far more often."""
+    """A fixed Wilson interval, evaluated after each of 70 runs, misses the rate at some evaluation far more often."""
     drawn = np.random.default_rng(5).random((250, 70)) < rate
     sums, missed, fixed = np.cumsum(drawn, axis=1), 0, 0
     known = {}

@@ -1,4 +1,4 @@
-"""The search for a limit: against success rates that are known, and the grammar of its condition."""
+"""Limit search with known success rates, and the grammar of failure conditions."""
 
 import json
 from functools import partial
@@ -101,7 +101,7 @@ LONG = [pytest.param(26, each, marks=() if each == 0.8 else pytest.mark.slow) fo
 
 @pytest.mark.parametrize(("seeds", "reliability"), [*((SHOWN_RUNS, each) for each in RELIABILITIES), *LONG])
 def test_results_reported_as_certain_are_wrong_no_more_often_than_stated(reliability, seeds):
-    """Laws have one reliability at all of 500 values; the permitted error rate at a reliability of 80 % is 10 %."""
+    """The reliability is the same at all of 500 values; at 80 %, the permitted error rate is 10 %."""
     wrong = values = 0
     question = Question(KEY, 0.0, 4.0, "lateral_rms > 0.3", seeds=seeds, tolerance=9.0)
     condition = Condition(question.until, METRICS)
@@ -144,7 +144,7 @@ def test_values_beyond_the_limits_of_a_key_remain_invalid(key, values):
 
 
 def machine(chance):
-    """Runs that succeed with this probability, a function of the value; the same for the same value and seed."""
+    """Return a function that simulates runs whose success probability depends on the value. Equal seeds repeat runs."""
 
     def do(tasks):
         found = []
@@ -225,7 +225,7 @@ def test_unexpected_outcome_is_a_failure_unless_condition_names_outcomes(until, 
 
 
 def test_limit_result_reports_unexpected_outcomes():
-    """From 2 on every run rolls over with a small error."""
+    """From the value 2 on, every run rolls over with a small error."""
 
     def do(tasks):
         rolled = [task.overrides[KEY] >= 2.0 for task in tasks]
@@ -287,7 +287,7 @@ def test_result_from_too_few_seeds_is_not_reported_as_certain():
 
 
 def test_values_on_both_sides_of_the_limit_are_checked_by_more_runs():
-    """Between 1.5 and 2.345 one of three runs fails, which three runs may miss and twelve runs show."""
+    """Between 1.5 and 2.345, one third of the runs fails, which twelve runs detect, but three may not."""
     for first in range(1, 60, 10):
         scenario = SCENARIO.changed({"seed": first})
         question = Question(KEY, 0.0, 4.0, "lateral_rms > 0.3", seeds=3)
@@ -338,7 +338,7 @@ def test_identical_runs_of_all_seeds_count_once_and_give_no_interval():
 
 
 def hard_and_sound(limits):
-    """Runs whose limit along KEY is that of their terrain, or of the flat without one."""
+    """Return a function that simulates runs whose limit along KEY depends on their terrain."""
 
     def do(tasks):
         found = []
@@ -422,7 +422,7 @@ def test_invalid_limit_search_settings_are_rejected(change):
 
 @pytest.fixture
 def call(call):
-    """(exit status, stdout, stderr) of `agrobot-mj limit`, in an empty folder."""
+    """Return a function that runs `agrobot-mj limit` in an empty folder and returns exit status, stdout and stderr."""
     return partial(call, "limit")
 
 
@@ -430,7 +430,7 @@ SHORT = ("--set", "plant.kind=bicycle", "--set", "duration_s=4", "--jobs", 1, "-
 
 
 def test_limit_command_compares_laws_and_writes_its_result(call, tmp_path):
-    """How tight a circle? Both laws keep one of 6 m within 20 mm, neither one of 2 m."""
+    """Both laws follow a circle of 6 m radius within 20 mm, but not one of 2 m."""
     where = ("--key", "path.radius_m", "--range", "6:2", "--tolerance", 0.5)
     options = (*where, "--guidance", "stanley,lqr", "--max-seeds", 3, "--beside", "path.radius_m=6")
     status, out, err = call("circle", *options, "--until", "xte_rms > 0.02", *SHORT)
@@ -451,7 +451,7 @@ def test_limit_command_compares_laws_and_writes_its_result(call, tmp_path):
     ("option", "value", "text"),
     [
         ("--range", "1-8", "--range 1-8: specify two numbers, such as 0:25"),
-        ("--until", "os.system('x') > 1", "write comparisons of metrics and outcome"),
+        ("--until", "os.system('x') > 1", "specify comparisons of metrics and outcome"),
         ("--beside", "terain.kind=flat", "unknown key"),
         ("--beside", "flat", "--beside flat: the override must have the form key=value"),
         ("--key", "path.sped_m_s", "did you mean 'speed_m_s'"),

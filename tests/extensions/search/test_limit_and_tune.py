@@ -1,4 +1,4 @@
-"""The commands `limit` and `tune`: resumed, with runs that raise, and as a document."""
+"""Commands `limit` and `tune`: resumed searches, runs with errors, and JSON output."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Numeric options reject text, NaN and infinity before anything runs."""
+"""Numeric options of searches reject text, NaN and infinity before any run."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""docs/extensions/search/search.md: its limit is found, and it names every command of the extension."""
+"""docs/extensions/search/search.md: its limit is reproduced, and all commands of the extension are named."""
 
 import json
 import re

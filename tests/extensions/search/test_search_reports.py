@@ -1,4 +1,4 @@
-"""Reports of searches: limits, and the importance of the draws of a sweep."""
+"""Report pages of searches: limits, and importance of the random parameters of a sweep."""
 
 import json
 
@@ -61,7 +61,7 @@ def test_error_for_a_search_without_a_report_names_its_result_files(tmp_path, fi
 
 
 def swept(folder, method="screening"):
-    """A sweep of two draws."""
+    """Return the folder of a sweep with two random parameters."""
     (folder / "mine.toml").write_text(SCREENING.replace("METHOD", method))
     sweep(folder / "mine.toml", folder / "out", SweepOptions(jobs=1, quiet=True))
     return folder / "out"

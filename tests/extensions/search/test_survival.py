@@ -1,4 +1,4 @@
-"""How much each law survives: searches for limits, their table and their figure."""
+"""Survival limits of each law: searches, table and figure."""
 
 import json
 from importlib import import_module
@@ -21,7 +21,7 @@ def test_every_law_is_valid_at_both_ends_of_every_search_range():
 
 
 def searched(law, hardship, values):
-    """A row of a search with (value, runs, failed)."""
+    """Return a row of a survival search with the results (value, runs, failed)."""
     tried = [{"value": v, "runs": n, "failed": f, "holds": f / n <= 0.2, "certain": False} for v, n, f in values]
     sound = {"verdict": "fixed", "tried": [{"runs": 10, "failed": 0, "medians": {"xte_abs_p95": 0.123}}]}
     return {"law": law, "hardship": hardship, "verdict": "limit", "interval": None, "tried": tried, "sound": sound}
@@ -46,7 +46,7 @@ def test_survival_table_in_the_docs_matches_the_results():
     assert survival.survived(rows[0]) == (14.0, False)
 
 
-def test_survival_figure_has_one_bar_up_to_the_limit_of_each_law():
+def test_survival_figure_has_one_bar_per_law_up_to_its_limit():
     rows = []
     for law, hard in survival.JOBS:
         middle = (hard.start + hard.stop) / 2
@@ -61,7 +61,7 @@ def test_survival_figure_has_one_bar_up_to_the_limit_of_each_law():
 
 
 def test_survival_search_finds_the_limit_of_a_law(monkeypatch):
-    """With runs that succeed up to a dead band of 3 V, and two times out of three up to 4 V."""
+    """All runs succeed up to a dead band of 3 V, and two thirds of the runs up to 4 V."""
 
     def performed(task):
         dead_band, seed = task.overrides.get("steering.valve.dead_band_v", 0.4), task.overrides["seed"]

@@ -1,4 +1,4 @@
-"""The search of gains: same budget for every law, judged on other cases, repeatable."""
+"""Gain search: same budget for every law, evaluation on other cases, and repeatability."""
 
 from math import inf
 
@@ -43,7 +43,7 @@ def test_error_for_a_law_without_tunable_gain_ranges_names_the_law() -> None:
         tunable(scenario)
 
 
-def test_training_and_test_cases_have_different_seeds_and_surfaces() -> None:
+def test_training_cases_have_other_seeds_and_surfaces_than_test_cases() -> None:
     scenario = load_scenario("figure_eight")
     training, test = (tuning_cases(scenario, SURFACES, part, 2) for part in ("training", "test"))
     assert not {case.name for case in training} & {case.name for case in test}
@@ -62,7 +62,7 @@ def test_tuning_on_the_bicycle_skips_unsupported_cases() -> None:
 
 
 def tuning(tmp_path, text):
-    """A tuning file with one training case of this text."""
+    """Write a tuning file with one training case of the given text."""
     path = tmp_path / "mine.toml"
     path.write_text(f'[[training]]\nname = "one"\n{text}\n[[test]]\nname = "two"\n')
     return path
@@ -106,7 +106,7 @@ def test_shipped_tuning_cases_cover_typical_field_work(part):
 
 
 def driven(case, gains) -> Judgement:
-    """What a run under these gains is worth."""
+    """Return the cost and metrics of a run with the given gains."""
     return judge(case, perform(task_of(case, gains)).row)
 
 
@@ -115,7 +115,7 @@ def cost(scenario, gains) -> float:
 
 
 def tracking(scenario) -> TuningCase:
-    """A case of this scenario."""
+    """Return a tracking case of a scenario."""
     return TuningCase("one", "tracking", scenario.seed, scenario)
 
 
@@ -143,7 +143,7 @@ def test_tuning_scenario_with_an_expected_failure_is_rejected(tmp_path) -> None:
 
 
 def test_gain_search_result_is_at_least_as_good_as_the_initial_gains(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a cheap stand-in for the runs with its optimum at twice the default gain."""
+    """A simple cost function with its minimum at twice the default gain replaces the runs."""
     scenario = load_scenario("figure_eight", {"guidance.kind": "stanley"})
 
     def stand_in(tasks):

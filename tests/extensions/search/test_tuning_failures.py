@@ -1,4 +1,4 @@
-"""A run that failed has no error in any study: laws that stand still, stop early or drive, under each verb."""
+"""Failed runs have no error in any search: laws that stand still, stop early or complete, with each command."""
 
 import json
 
@@ -10,7 +10,7 @@ from agrobot_mj.extensions.search.tuning_cases import TuningCase
 from agrobot_mj.studies.engine import perform
 
 
-def test_tuning_prefers_a_law_that_drives_to_one_that_stands_still():
+def test_tuning_prefers_a_moving_law_over_a_stationary_one():
     keys = {"plant.kind": "bicycle", "duration_s": 9.0, "guidance.kind": "stanley"}
     case = TuningCase("lane change", "tracking", 1, load_scenario("lane_change", keys))
     drives, stands = (
@@ -21,7 +21,7 @@ def test_tuning_prefers_a_law_that_drives_to_one_that_stands_still():
     assert drives.cost <= MOST < FAILED < stands.cost
 
 
-def test_law_that_stands_still_is_reported_as_always_failing(call, request, tmp_path):
+def test_stationary_law_is_reported_as_always_failing(call, request, tmp_path):
     file, still = standing(tmp_path, request.node.name)
     where = ("--key", "path.radius_m", "--range", "12:6", "--max-seeds", 2, "--until", "xte_rms > 0.5")
     status, out, _ = call(

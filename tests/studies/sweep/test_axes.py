@@ -1,4 +1,4 @@
-"""Values of axes and draws: the simulated values are those of the file."""
+"""Values of axes and random parameters: the simulated values are those of the file."""
 
 import numpy as np
 import pytest

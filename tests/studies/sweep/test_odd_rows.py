@@ -1,4 +1,4 @@
-"""Rows that were damaged or edited: missing, or named with the fix; never a traceback."""
+"""Damaged or edited rows of a sweep: they count as missing, or a message gives the remedy."""
 
 import json
 import shutil
@@ -27,7 +27,7 @@ def call(call):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """A finished sweep and its file."""
+    """Return the folder of a completed sweep and its file."""
     folder = tmp_path_factory.mktemp("whole")
     (folder / "s.toml").write_text(TEXT, encoding="utf-8")
     run_sweep(folder / "s.toml", folder / "out", SweepOptions(jobs=1, quiet=True))
@@ -35,7 +35,7 @@ def whole(tmp_path_factory):
 
 
 def edited(whole, tmp_path, change):
-    """A copy of the sweep's folder in which the third row is changed; its file."""
+    """Copy the folder of a sweep and change the third row. Return the sweep file of the copy."""
     shutil.copytree(whole, tmp_path / "copy")
     row = row_file(tmp_path / "copy" / "out", 2)
     content = json.loads(row.read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""The plan: every combination once, checked whole before anything runs."""
+"""Sweep plan: every combination occurs once, and all combinations are checked before any run."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from agrobot_mj.studies.sweep.schema import read_sweep
 
 @pytest.fixture
 def plan(tmp_path):
-    """The plan of a sweep file with this text."""
+    """Return a function that reads the plan from the text of a sweep file."""
 
     def read(text):
         file = tmp_path / "mine.toml"
@@ -242,8 +242,8 @@ def test_every_shipped_sweep_is_valid(name):
 
 
 def test_impossible_tractors_are_reported_before_any_run(plan):
-    """A chassis without inertia, a tyre too stiff for the step, a payload that leaves nothing: not the plan's keys say
-    so, but the tractor that is built of them."""
+    """A chassis without inertia, an unstable tyre or an extreme payload follows from the complete tractor, not from
+    single keys of the plan."""
     inertia = faults(
         plan, 'base = "figure_eight"\n[axes]\n"tractor.yaw_inertia_kg_m2" = { from = 100, to = 900, count = 9 }'
     )

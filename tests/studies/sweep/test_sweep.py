@@ -1,4 +1,4 @@
-"""Sweeps of short runs: the same table however they are done, and whatever happens on the way."""
+"""Sweeps of short runs: the table is the same for any way of execution and after interruptions."""
 
 import errno
 import json
@@ -61,18 +61,18 @@ def file(tmp_path):
 
 @pytest.fixture
 def call(call):
-    """(exit status, stdout, stderr) of `agrobot-mj sweep`, in an empty folder."""
+    """Return a function that runs `agrobot-mj sweep` in an empty folder: exit status, stdout and stderr."""
     return partial(call, "sweep")
 
 
 def table(folder):
-    """The table of a folder, wall time aside."""
+    """Return the table of a sweep folder without wall times."""
     return pq.read_table(folder / "sweep.parquet").drop_columns("wall_s")
 
 
 @pytest.fixture(scope="module")
 def serial(tmp_path_factory):
-    """A folder with the sweep done in this process."""
+    """Return the folder of a sweep that was simulated in this process."""
     folder = tmp_path_factory.mktemp("serial")
     (folder / "mine.toml").write_text(TEXT, encoding="utf-8")
     run_sweep(folder / "mine.toml", folder / "out", SweepOptions(jobs=1, quiet=True))
@@ -151,7 +151,7 @@ def test_unreachable_dask_scheduler_is_reported_without_loss_of_results(file, tm
 
 
 def test_lost_dask_scheduler_is_reported_and_finished_runs_are_kept(file, tmp_path, call, monkeypatch):
-    """As the executor of Dask does it: work under way is cancelled once the scheduler is gone."""
+    """The executor of Dask cancels running tasks when the scheduler is lost."""
 
     class Lost:
         def submit(self, function, task):
@@ -268,7 +268,7 @@ expected_outcome = "completed"
 
 
 def test_failed_run_is_recorded_and_worker_processes_load_plugins(tmp_path):
-    """In processes of their own, since one of the runs ends its process."""
+    """The test needs worker processes, because one of the runs ends its process."""
     (tmp_path / "nasty.py").write_text(PLUGIN)
     (tmp_path / "mine.toml").write_text(NASTY)
     done = start(tmp_path, "mine.toml", "--plugin", "nasty.py", "--out", "out", "--jobs", "2")
@@ -341,10 +341,10 @@ def test_merging_unrelated_folders_is_rejected(serial, file, tmp_path, call):
     assert (status, err) == (
         2,
         "other: the folder belongs to another sweep: different sweep; "
-        "repeat this sweep in the folder, or omit the folder\n",
+        "run the same sweep in all folders, or omit this folder\n",
     )
     (tmp_path / "empty").mkdir()
-    assert "has no results of a sweep" in call("--merge", serial, "empty", "--out", "all")[2]
+    assert "has no sweep results" in call("--merge", serial, "empty", "--out", "all")[2]
     status, _, err = call("--merge", "mine.toml", "--out", "nowhere")
     assert (status, "none of the folders to merge exists; specify folders written with --shard" in err) == (2, True)
     assert not Path("nowhere").exists()
@@ -380,7 +380,7 @@ def group(pid):
 
 
 def killed_and_resumed(folder, text, kill_after_rows, serial_table):
-    """Kill a sweep in two processes with kill -9 at each of these numbers of rows, then let it end."""
+    """Kill a sweep of two processes with SIGKILL at each of some numbers of rows, then complete the sweep."""
     (folder / "mine.toml").write_text(text)
     rows, before = folder / "out" / "rows", {}
     for number in kill_after_rows:
@@ -450,7 +450,7 @@ def test_sweep_help_lists_every_option():
 
 
 def test_sweep_folder_contains_no_absolute_paths_and_can_be_moved(tmp_path):
-    """Data files lie beside the sweep, so that neither its files nor its table say where they came from."""
+    """Data files are in the folder of the sweep file, so that results need no absolute paths."""
     private = tmp_path / "private"
     private.mkdir()
     for name, end in (("base", 1), ("other", 2)):
@@ -475,7 +475,7 @@ def test_sweep_folder_contains_no_absolute_paths_and_can_be_moved(tmp_path):
 
 
 def test_sweep_of_incomplete_field_runs_writes_its_table(tmp_path):
-    """Their passes have no value in any run, in records within a list."""
+    """Passes of these runs have no values, in records within a list."""
     file = tmp_path / "short.toml"
     file.write_text('base = "clothoid_swaths"\nseeds = 2\n[set]\nduration_s = 0.5\n"plant.kind" = "bicycle"\n')
     run_sweep(file, tmp_path / "out", SweepOptions(jobs=1, quiet=True))

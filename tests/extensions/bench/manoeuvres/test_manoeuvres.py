@@ -1,4 +1,4 @@
-"""Every manoeuvre in its quick version passes on every tyre; the whole suite does when it has the time."""
+"""Quick version of every manoeuvre with each suitable tyre; slow tests run the complete suite."""
 
 import pytest
 
@@ -19,8 +19,8 @@ SOME_TYRES = {
     "vibration": {"ruts"},
     "outside references": {"soil"},
 }
-"""Where not every tyre can be judged: soil slides off before it tips; implements need linear slopes; the law of
-one tyre has a reference load."""
+"""Tyres of manoeuvres that do not suit every tyre: on soil, the tractor slides before it tips; implements need linear
+slopes; only some tyres have a reference load."""
 
 
 SHORTER = {
@@ -33,7 +33,7 @@ SHORTER = {
     "soak": {"BRIEFLY_S": 10.0},
     "standing": {"BRIEFLY_S": 10.0, "DRIFT_MM": 0.3},
 }
-"""Constants of the manoeuvres that are shorter than in the quick suite, by module."""
+"""Constants that shorten the manoeuvres further than in the quick suite, by module."""
 
 
 @pytest.fixture

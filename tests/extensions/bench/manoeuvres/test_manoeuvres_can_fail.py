@@ -1,4 +1,4 @@
-"""Each manoeuvre notices a plant that is not what its theory is about."""
+"""Each manoeuvre detects a plant that violates its theory."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ traction = sliding.traction
 
 @pytest.fixture(autouse=True)
 def one_tyre(monkeypatch):
-    """The linear tyre alone and a shorter drive, for speed."""
+    """Restrict the manoeuvres to the linear tyre and to shorter runs."""
     for module in (coasting, convergence, loads, parking, side_slope, soak, tipping):
         monkeypatch.setattr(module, "tyres", lambda *without: [Linear()])
     monkeypatch.setattr(energy, "force_tyres", lambda: [Linear()])
@@ -62,7 +62,7 @@ def swap(monkeypatch, change):
 
 
 def failures(module):
-    """Quantities that leave their bands in the quick version."""
+    """Return the quantities outside their acceptance limits in the quick version of a manoeuvre."""
     driven = Trial(module.__name__, quick=True).drive(module.run)
     return {check.quantity for check in driven.checks if not check.passed}
 
@@ -116,11 +116,11 @@ def test_coasting_check_detects_a_wrong_wheel_inertia(monkeypatch):
 
 def test_side_slope_check_detects_a_softer_tyre(monkeypatch):
     swap(monkeypatch, lambda tyre, *rest: (SOFT, *rest))
-    assert {"crab of the heading, 5 deg", "mean crab, 5 deg"} <= failures(side_slope)
+    assert {"crab angle of the heading, 5 deg", "mean crab angle, 5 deg"} <= failures(side_slope)
 
 
 def test_size_check_detects_tyres_and_cylinder_of_another_machine_size(monkeypatch):
-    """A tyre with the reference loads of a compact tractor, and a cylinder with its relief pressure, under 2 t."""
+    """The tyres have the reference loads of a compact tractor, and the cylinder a low relief pressure, on 2 t."""
     small = MagicFormula(
         front=AxleTyre(reference_load_n=1400.0, lateral=Curve(stiffness_per_load=5.3)),
         rear=AxleTyre(reference_load_n=2300.0, lateral=Curve(stiffness_per_load=6.6)),
@@ -131,7 +131,7 @@ def test_size_check_detects_tyres_and_cylinder_of_another_machine_size(monkeypat
     weak = Cylinder(relief_pressure_bar=5.0)
     monkeypatch.setattr(size, "grown", lambda mass, grown=size.grown: grown(mass)._replace(cylinder=weak))
     assert failures(size) >= {
-        "mean crab, 5 deg, 2 t",
+        "mean crab angle, 5 deg, 2 t",
         "peak force divided by static load, front, 2 t",
         "peak force divided by static load, rear, 2 t",
         "steering torque at standstill, 2 t",
@@ -184,7 +184,7 @@ def test_energy_check_detects_a_torque_missing_from_the_balance(monkeypatch):
 
 
 def test_energy_check_detects_a_wrong_rolling_radius(monkeypatch):
-    """The tyre's own books with the loaded radius instead of the effective one."""
+    """The energy balance of the tyre uses the loaded radius instead of the effective rolling radius."""
     monkeypatch.setattr(energy, "force_tyres", lambda: [tyre for tyre in force_tyres() if tyre.kind == "magic_formula"])
 
     class Wrong(energy.Wheel):

@@ -1,4 +1,4 @@
-"""Outside references: every number inside its band, and bands that wrong tyres leave."""
+"""Published references: all results are within their limits, and wrong tyres violate these limits."""
 
 import pytest
 

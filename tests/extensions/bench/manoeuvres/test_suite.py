@@ -44,7 +44,7 @@ def test_check_is_printed_on_one_line():
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """The three manoeuvres that have a figure, on the linear tyre, and one that fails."""
+    """Return the folder of a validation: three manoeuvres with figures on the linear tyre, and one that fails."""
     out = tmp_path_factory.mktemp("validation")
     names = ("side slope", "constant radius", "step steer")
     level_plants = Trial.level_plants
@@ -126,6 +126,6 @@ def test_numbers_and_docstring_summaries_are_formatted_for_the_page():
 
 
 def test_antenna_offset_figure_has_a_fit_through_the_measurements():
-    """20.8 cm on 10 degrees with linear tyres, at the gains of the drives."""
+    """The measured offset is 20.8 cm at 10 deg with linear tyres."""
     line, mark = figures.antenna_lean({"pd, paper's sensors": {"linear": [(10.0, 0.208)]}}).axes[0].lines[:2]
     assert np.interp(10.0, *line.get_data()) == pytest.approx(mark.get_ydata()[0], abs=0.5)

@@ -1,4 +1,4 @@
-"""The paper tractor: closed forms in the limits where there are some."""
+"""Theory of the paper's tractor, compared with closed forms in limiting cases."""
 
 from math import atan, cos, degrees, radians, sin
 

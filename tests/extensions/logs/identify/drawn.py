@@ -1,9 +1,8 @@
-"""Machines with random sensors, driven in the simulator, and the logs of their owners.
+"""Machines with random sensors in the simulator, and the logs of their owners.
 
-Everything that a calibration estimates is a drawn key of the scenario: antenna ahead of and beside the axle, a receiver
-of 4 to 20 Hz with its latency, three sources of the speed, a steering sensor with one scale or two about one centre and
-a delay, play of the linkage, and the mounting error of two antennas. The plant slips, rolls and pitches; it knows
-nothing of the fit.
+All quantities that a calibration estimates are random keys of the scenario: antenna position, a receiver of 4 to 20 Hz
+with its latency, one of three speed sources, a steering sensor with delay and with one or two scales, play of the
+linkage, and the mounting error of two antennas. The plant slips, rolls and pitches, and is independent of the fit.
 """
 
 from functools import cache

@@ -1,7 +1,7 @@
 """Machines with hidden parameters, and logs of these machines with the noise of real sensors.
 
-`log_of` simulates the simulator's bicycle, which has no relaxation. `tyred_log` integrates an independent bicycle model
-with relaxation by scipy's solver. `mistold` changes the steering angles in the log.
+`log_of` runs the simulator's bicycle, which has no relaxation. `tyred_log` integrates a separate bicycle model with
+relaxation by a solver of SciPy. `mistold` changes the steering angles in the log.
 """
 
 from functools import cache
@@ -61,7 +61,7 @@ def behind_play(steer, backlash, delay, duration):
 def tyred_log(seed, C_f, C_r, sigma_f, sigma_r, backlash=0.0, offset=0.0, delay=0.0, duration=60.0, noise_deg=0.06):
     """Return signals of a bicycle with linear tyres, relaxation lengths of both axles [m], and small angles.
 
-    The steering sensor is before the play [rad]; its reading has an offset [rad] and is ahead of the wheels [s].
+    The steering sensor is before the play [rad]. Its measurement has an offset [rad] and leads the wheel angle [s].
     """
     steer, speed = excitation(seed)
     wheel = behind_play(steer, backlash, delay, duration)
@@ -108,7 +108,7 @@ def tyred_log(seed, C_f, C_r, sigma_f, sigma_r, backlash=0.0, offset=0.0, delay=
 
 
 def mistold(table, backlash=0.0, offset=0.0, delay=0.0):
-    """Return the log with a steering sensor before a play [rad], with an offset [rad], ahead of the wheels [s]."""
+    """Return the log for a steering sensor before a play [rad], with an offset [rad] and a lead to the wheels [s]."""
     t, true = (np.asarray(table[name]) for name in ("t", "steer"))
     direction = np.sign(np.gradient(np.convolve(true, np.ones(3) / 3, "same"), t))
     told = np.asarray(table["steer_measured"]) + 0.5 * backlash * direction + offset

@@ -36,13 +36,13 @@ def calibrated(table, log_map=None, scenario=BICYCLE):
 
 @pytest.fixture(scope="module")
 def sound(log):
-    """Calibration of a log without errors."""
+    """Return the calibration of a log without errors."""
     return calibrated(log.signals)
 
 
 @cache
 def gyro_log(h, age, cruise=None, swing=1.0):
-    """Log of a stranger's machine with a gyro and one antenna; the steering sensor is late, off and an eighth large."""
+    """Return the log of a machine with gyro and one antenna. The steering sensor has delay, offset and scale error."""
     fine = np.arange(0, 80, STEP_S / 2)
     speed, sensor = inputs(0, fine + 40)  # a slow half, then a fast half
     sensor *= swing
@@ -78,7 +78,7 @@ def test_steering_delay_and_scale_are_identified_relative_to_the_gyro():
 
 @pytest.fixture(scope="module")
 def cruising():
-    """Calibration of a log with constant speed."""
+    """Return the calibration of a log with constant speed."""
     return calibrate([gyro_log(hidden(0), 0.1, 2.0)], None, BICYCLE)
 
 
@@ -140,7 +140,7 @@ def test_angle_in_degrees_mapped_as_radians_is_reported(log):
 def test_gyro_in_the_wrong_unit_is_rejected(log):
     at = log.signals.column_names.index("gyro")
     wrong = log.signals.set_column(at, "gyro", pc.multiply(log.signals["gyro"], np.pi / 180))
-    with pytest.raises(FieldLogError, match=r"turn \d\d times as fast as the gyro; check the unit and the column"):
+    with pytest.raises(FieldLogError, match=r"turns \d\d times as fast as the gyro; check the unit and the column"):
         calibrate([wrong], None, BICYCLE)
 
 
@@ -202,13 +202,13 @@ def test_speed_in_the_wrong_unit_is_rejected(log, unit):
 
 
 def exchanged(table):
-    """Return the log with exchanged names of its position columns."""
+    """Return the log with swapped names of its position columns."""
     names = {"gnss_x": "gnss_y", "gnss_y": "gnss_x"}
     return table.rename_columns([names.get(name, name) for name in table.column_names])
 
 
 def test_comparison_with_the_gyro_rejects_swapped_position_axes(log):
-    told = r"the positions turn right where the gyro turns left; check whether the east and north columns"
+    told = r"course of the positions turns right where the gyro turns left; check whether the east and north columns"
     with pytest.raises(FieldLogError, match=told):
         calibrate([exchanged(log.signals)], None, BICYCLE)
 

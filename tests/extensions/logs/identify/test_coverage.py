@@ -1,4 +1,4 @@
-"""Hidden parameters of machines lie inside the 95 % intervals of their fit."""
+"""95 % intervals of fitted parameters contain the hidden parameters of the machines."""
 
 from math import radians
 
@@ -19,7 +19,7 @@ NAMES = (
 
 
 def hidden(seed):
-    """True parameters, unknown to the fit, in the order of `NAMES`."""
+    """Return the true parameters, unknown to the fit, in the order of `NAMES`."""
     rng = np.random.default_rng([seed, 1])
     C_f, C_r = rng.uniform(10e3, 20e3), rng.uniform(20e3, 40e3)
     sigma_f, sigma_r, offset = rng.uniform(0.2, 0.6), rng.uniform(0.4, 1.2), radians(rng.uniform(-1, 1))
@@ -28,7 +28,7 @@ def hidden(seed):
 
 
 def deviations(seed, **how):
-    """Fitted less hidden parameters over the half width of the 95 % interval."""
+    """Return fitted minus hidden parameters, divided by the half width of the 95 % interval."""
     front, rear, sigma_f, sigma_r, offset, delay, backlash = true = hidden(seed)
     log = tyred_log(seed, 1 / front, 1 / rear, sigma_f, sigma_r, backlash, offset, delay, **how)
     recording = read_recording(log, None, 2.0).between(0.0, 1e9)
@@ -44,7 +44,7 @@ def test_identified_parameters_are_close_to_the_true_values():
 
 
 def test_steering_sensor_noise_does_not_reduce_identified_tyre_stiffness():
-    """Wheels that follow 0.3 deg of noise through their backlash would appear a fifth softer and less delayed."""
+    """If the modelled wheels followed 0.3 deg of noise through the play, the stiffness would be a fifth too low."""
     off = np.array([deviations(seed, noise_deg=0.3, duration=120.0) for seed in (1,)])
     assert np.abs(off[:, [0, 1, 5]]).max() < 1
 
@@ -52,9 +52,9 @@ def test_steering_sensor_noise_does_not_reduce_identified_tyre_stiffness():
 @pytest.mark.slow
 @pytest.mark.parametrize(("how", "least"), [({}, 90), ({"noise_deg": 0.3, "duration": 120.0}, 85)])
 def test_intervals_contain_the_true_value_in_90_of_100_machines(how, least):
-    """Of 95 % intervals as many hold with a chance of 99 %; of ten machines one in eleven would have but eight.
+    """At least 90 of 100 intervals of 95 % contain the true value with a probability of 99 %.
 
-    Under five times the noise of the angle those of the relaxation lengths are somewhat narrow.
+    With five times the noise of the angle, the intervals of the relaxation lengths are somewhat too narrow.
     """
     inside = np.sum([np.abs(deviations(seed, **how)[: len(NAMES)]) < 1 for seed in range(100)], axis=0)
     print(dict(zip(NAMES, inside.tolist(), strict=True)))

@@ -1,6 +1,6 @@
-"""Machines with drawn sensors, driven on the simulator: the intervals of a calibration contain the hidden truth.
+"""Machines with random sensors in the simulator: the intervals of a calibration contain the true values.
 
-`drawn.py` draws and drives them. The page of the extension has the table of the slow test.
+`drawn.py` creates the machines. The page of the extension has the table of the slow test.
 """
 
 from collections import Counter

@@ -1,4 +1,4 @@
-"""The arithmetic of the fit: intervals, windows, and errors that last for longer than a window."""
+"""Numerics of the fit: intervals, windows, and errors that are correlated over more than a window."""
 
 from math import sqrt
 
@@ -18,7 +18,7 @@ CHASSIS = Chassis2(750.0, 400.0, 0.9, 0.5, False)
 
 
 def test_understeer_interval_follows_from_both_axle_compliances():
-    """K = m (l_r / C_f - l_f / C_r) / L, so that its variance is that of a weighted sum."""
+    """K = m (l_r / C_f - l_f / C_r) / L, so the variance of K is that of a weighted sum."""
     C, sigma, rho = np.array([6e-5, 4e-5]), np.array([5e-6, 8e-6]), -0.4
     covariance = np.diag(sigma**2)
     covariance[0, 1] = covariance[1, 0] = rho * sigma[0] * sigma[1]
@@ -38,7 +38,7 @@ def test_understeer_interval_follows_from_both_axle_compliances():
 
 @pytest.mark.parametrize("rho", [0.0, 0.6])
 def test_errors_correlated_between_windows_widen_the_interval(rho):
-    """Variance of the mean of n windows with AR(1) errors: sigma^2 / n (1 + 2 sum of (1 - k / (M + 1)) rho^k)."""
+    """The mean of n windows with AR(1) errors has variance sigma^2 / n (1 + 2 sum of (1 - k / (M + 1)) rho^k)."""
     n, samples, rng = 600, 5, np.random.default_rng(3)
     slow = np.zeros(n)
     for k in range(1, n):
@@ -51,7 +51,7 @@ def test_errors_correlated_between_windows_widen_the_interval(rho):
 
 
 def logged(gap):
-    """Data of 62.5 s at 20 Hz whose gyro pauses for `gap` [s] from 30 s on, and samples that a receiver would send."""
+    """Return data of 62.5 s at 20 Hz without gyro values for `gap` [s] after 30 s, and samples as from a receiver."""
     t = np.arange(0.0, 62.5, 0.05)
     rate = np.where((t > 30.0) & (t < 30.0 + gap), np.nan, np.degrees(0.2 * np.sin(t)))
     columns = {"t": t, "steer": np.degrees(0.2 * np.sin(t)), "speed": np.full(len(t), 1.5), "rate": rate}
@@ -73,8 +73,8 @@ def test_only_complete_windows_are_used_for_the_fit(gap, windows):
     assert np.diff(data.channels["yaw_rate"].t, axis=1).max() < 0.5
 
 
-def test_noise_model_of_residuals_is_autoregressive_or_zero():
-    """Of windows of x[k] = 0.6 x[k - 1] + 0.3 e[k] that one says so; residuals of 0 stay finite."""
+def test_noise_model_is_autoregressive_and_finite_for_zero_residuals():
+    """Windows follow x[k] = 0.6 x[k - 1] + 0.3 e[k]. For zero residuals, the result is finite."""
     e = 0.3 * np.random.default_rng(4).standard_normal((400, 60))
     x = np.zeros_like(e)
     for k in range(1, 60):

@@ -1,4 +1,4 @@
-"""Scenario keys fitted with MuJoCo's toolbox: hidden values are found, and other keys are rejected."""
+"""Fit of scenario keys with MuJoCo's toolbox: hidden values are identified, and unsuitable keys are rejected."""
 
 import numpy as np
 import pytest
@@ -48,6 +48,6 @@ def test_error_for_a_short_log_states_the_number_of_windows():
         ("front", "must be a scenario key"),
     ],
 )
-def test_keys_that_cannot_be_fitted_are_rejected_with_a_remedy(key, message):
+def test_error_for_keys_that_cannot_be_fitted_states_a_remedy(key, message):
     with pytest.raises(ScenarioError, match=message):
         fit_keys([log_with_hidden_stiffness(20.0)], None, BICYCLE, [key])

@@ -1,4 +1,4 @@
-"""The valve's parameters come back out of noisy runs of both plants, and what a run does not show is not invented."""
+"""Identification of valve parameters from noisy runs of both plants; unexcited parameters are not identified."""
 
 import json
 from math import degrees
@@ -52,7 +52,7 @@ def rate_limit(scenario):
 
 
 def check(found, scenario, plant):
-    """Within a tenth, the delay within a tick: far inside, since that is what the method can do."""
+    """Check the identified valve parameters against those of the scenario, and the delay to within a tick."""
     valve, late = scenario.steering.valve, LATE_OIL_S if plant == "mujoco" else 0.0
     assert found.dead_band_v == pytest.approx(valve.dead_band_v, rel=0.05)
     assert found.gain_left_l_min_v == pytest.approx(valve.gain_left_l_min_v, rel=0.03)
@@ -140,7 +140,7 @@ def test_samples_at_the_steering_stops_are_omitted_from_the_fit(calm):
 
 
 def identified(folder):
-    """Lines and numbers of the valve of the run in a folder."""
+    """Return text and JSON content of the valve identification for the run in a folder."""
     file = folder / "scenario.toml"
     found = valve(Job([folder], None, load_scenario(file if file.is_file() else "straight_line")))
     return "\n".join(found.lines), found.content
@@ -263,7 +263,7 @@ def test_error_for_a_damaged_signals_file_names_the_file(calm, tmp_path):
 
 @pytest.mark.parametrize("plant", [pytest.param("bicycle", marks=pytest.mark.slow), "mujoco"])
 def test_backlash_of_one_degree_is_identified(plant):
-    """In the library's scenario, a calm drive: within a tenth of a degree, and the valve beside it."""
+    """The run is the library's backlash scenario; the valve parameters are identified as well."""
     scenario = load_scenario("steering_backlash", {"plant.kind": plant})
     found = identify(run(scenario).signals, scenario.steering.cylinder)
     assert found.backlash_deg == pytest.approx(1.0, abs=0.1)

@@ -1,4 +1,4 @@
-"""`twin --only identify` gives back the hidden stiffness of the simulator's own tractors, or says why not."""
+"""`twin --only identify` returns the hidden stiffness of simulated tractors, or the reason for no result."""
 
 import json
 
@@ -22,7 +22,7 @@ HIDDEN = {
 }
 BICYCLE = load_scenario("straight_line", {"plant.kind": "bicycle"})
 STEADY = ("front", "rear", "offset", "delay", "backlash")
-"""Without relaxation, which the simulator's bicycle does not have."""
+"""Fitted parameters without relaxation lengths, which the simulator's bicycle does not have."""
 
 
 quickly = pytest.mark.usefixtures("quick_fit")
@@ -61,7 +61,7 @@ def test_bicycle_parameters_are_identified_despite_backlash_and_delay(hidden):
 
 
 def test_identified_stiffness_of_mujoco_tractor_equals_its_linear_tyres():
-    """Wheels, roll and load transfer are not in the model, and hardly show at these speeds."""
+    """The fitted model lacks wheel spin, roll and load transfer, whose effects are small at these speeds."""
     tyres = {"front_cornering_stiffness_n_rad": 6500.0, "rear_cornering_stiffness_n_rad": 14000.0}
     keys = {f"plant__tyre__{key}": value for key, value in tyres.items()}
     log = log_of(2, plant__kind="mujoco", plant__tyre__kind="linear", duration=50.0, **keys)
@@ -95,7 +95,7 @@ def test_effect_of_uncertain_machine_values_is_reported_with_intervals(hidden, s
 
 
 def test_stiffness_is_not_identified_from_slow_driving():
-    """At 0.6 m/s slip changes the yaw rate by less than the noise, so the result contains no stiffness."""
+    """At 0.6 m/s the effect of slip on the yaw rate is below the noise, so the result contains no stiffness."""
     slow = log_of(1, duration=70.0, **HIDDEN, path__speed_m_s=0.6, driveline__full_speed_m_s=0.6)
     result = identify_vehicle(slow.signals, None, BICYCLE, ("front", "rear", "delay"))
     assert not result.found["rear_cornering_stiffness_n_rad"].identified
@@ -114,7 +114,7 @@ def test_fit_that_explains_no_variance_gives_no_result(hidden, spoil):
 
 @quickly
 def test_log_with_yaw_rate_as_wheel_angle_gives_no_result(hidden):
-    """The column of the yaw rate is used as that of the wheel angle."""
+    """The map assigns the column of the yaw rate to the wheel angle."""
     at = hidden.signals.column_names.index("steer_measured")
     rate = hidden.signals.set_column(at, "steer_measured", hidden.signals["yaw_rate"])
     with pytest.raises(NothingExplainedError, match=r"no result"):

@@ -1,4 +1,4 @@
-"""The model of the fit against scipy's solver, closed forms, and play by hand."""
+"""Vehicle model of the fit compared with SciPy's solver, closed forms, and a play computed by hand."""
 
 from math import pi, radians
 
@@ -27,7 +27,7 @@ def chassis(small=True):
 @pytest.mark.parametrize("small", [True, False])
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_vehicle_model_agrees_with_a_general_ode_solver(small, way):
-    """Also in reverse, with angles of 20 degrees, and with a changing speed."""
+    """The motion includes reverse, angles of 20 deg, and a changing speed."""
 
     def delta(t):
         return radians(20) * np.sin(2 * pi * 0.3 * t)

@@ -32,7 +32,7 @@ SOURCES = {
 }
 """Packages by the command that downloads them; the folder and the package follow."""
 KINDS = ["log", "nmea", "ubx", "txt", "csv", "kml", "gpx", "geojson", "json", "can", "candump", "mcap"]
-"""Suffixes of the files that are read."""
+"""Suffixes of the files that the script reads."""
 SENTENCE = re.compile(rb"\$[A-Z]{2}(?:GGA|RMC|GNS|GLL),[^$*\r\n]{10,120}\*[0-9A-Fa-f]{2}")
 PAIR = re.compile(r"(-?\d{1,3}\.\d{3,})\s*,\s*(-?\d{1,3}\.\d{3,})|lat=\"([-.\d]+)\"\s+lon=\"([-.\d]+)\"")
 LEAST = 3  # Minimum number of positions of a file that must be read [-]

@@ -1,4 +1,4 @@
-"""The recorder of AgOpenWeb: rows as its `ExportCsv` writes them (commit ef18a148), in the formats of each column."""
+"""Recorder of AgOpenWeb: rows in the formats of its method `ExportCsv` (commit ef18a148)."""
 
 from math import cos, radians, sin
 
@@ -19,7 +19,7 @@ RADIUS, SPEED = 10.0, 2.0
 
 
 def row(k):
-    """Row of 10 Hz on a circle to the right, from 23:59:40; no fix from 5 to 6 s, no guidance in the last second."""
+    """Return row `k` of a log at 10 Hz on a circle to the right, across midnight. From 5 to 6 s there is no fix."""
     turned, second = SPEED / RADIUS * k / 10, 40 + k // 10
     clock = f"{'23:59' if second < 60 else '00:00'}:{second % 60:02d}.{k % 10}00"
     east, north, fix = RADIUS * (1 - cos(turned)), RADIUS * sin(turned), 0 if 50 <= k < 60 else 4
@@ -31,7 +31,7 @@ def row(k):
 
 @pytest.fixture
 def recorded(tmp_path):
-    """A file as the dump's; it has another name, since it is known by its columns."""
+    """Return a file like that of the debug dump. Its name differs, because the reader recognises the columns."""
     file = tmp_path / "dump of Monday"
     file.write_text("\r\n".join([COLUMNS, *map(row, range(400)), ""]), newline="")
     return file

@@ -1,4 +1,4 @@
-"""CAN logs: frames written by python-can are read to the last count; a public log of a tractor gives known facts."""
+"""CAN logs: exact reading of frames written by python-can, and known properties of a public tractor log."""
 
 from math import atan, degrees, pi, radians
 
@@ -23,7 +23,7 @@ def little(value, size):
 
 
 def frames():
-    """Identifier and data of each frame by its time, as ISO 11783-7 and NMEA 2000 say."""
+    """Yield time, identifier and data of each frame, as defined in ISO 11783-7 and NMEA 2000."""
     for t, kappa in zip(T.tolist(), CURVATURE.tolist(), strict=True):
         # 0.25 /km a bit, -8032 /km at 0, to the right; 1 mm/s; 1e-4 rad from north, 1 cm/s; 1e-7 deg
         yield t, 0x0CAC1C13, little((8032 - 1000 * kappa) / 0.25, 2) + b"\xff" * 6
@@ -45,7 +45,7 @@ def written(request, tmp_path):
 
 
 def column(log, name):
-    """Times and values of a quantity."""
+    """Return times and values of a quantity."""
     t, values = (log.source[each].to_numpy(zero_copy_only=False) for each in ("t", name))
     return t[np.isfinite(values)], values[np.isfinite(values)]
 
@@ -117,7 +117,7 @@ def test_malformed_can_logs_are_rejected_with_the_reason(tmp_path, content, told
 
 
 def test_public_can_log_gives_the_known_steering_angles():
-    """Massey Ferguson 7720, driver's valve at idle, wheelbase 2.88 m: its steering, from two messages of its bus."""
+    """The log contains steering-wheel angle and curvature of a Massey Ferguson 7720 with a wheelbase of 2.88 m."""
     folder = checkout("BL08FR/AOG-Canbus-tools-program-s", "327078f5")
     log = open_log(folder / MF7720)
     (tw, wheel), (tc, kappa) = column(log, "steering_wheel"), column(log, "curvature")
@@ -136,7 +136,7 @@ def test_public_can_log_gives_the_known_steering_angles():
 
 
 def best_lag(t, wheels, tw, turns):
-    """Lag [s] and degrees per turn to the left and right that explain how the wheels move in 0.4 s off the stops."""
+    """Return lag [s] and wheel angle per turn to each side [deg] that best explain motion of the wheels off stops."""
     found = []
     inside = np.convolve(np.abs(wheels) < 44, np.ones(9), "valid") == 9
     for lag in np.arange(0.0, 0.3, 0.01):

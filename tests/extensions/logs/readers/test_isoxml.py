@@ -16,20 +16,20 @@ HEADER = (
     '<TIM A="" D="4"><PTN A="" B="" C="" D="" F=""/><DLV A="0043" B="" C="DET-1"/><DLV A="018D" B="" C="DET-1"/>'
     '<DLV A="DFFE" B="" C="DET-1" D="44032" E="0" F="15"/><DLV A="DFFE" B="" C="DET-1" D="61444" E="0" F="15"/></TIM>'
 )
-"""Working width, speed, and from the bus the curvature and something of the engine."""
+"""Description of a time log: working width, speed, curvature on the bus, and an unknown bus signal of the engine."""
 TASK = '<ISO11783_TaskData VersionMajor="4" VersionMinor="3"/>'
 VECTORS = "Dev4Agriculture.ISO11783.ISOXML.Test/testdata"
 
 
 def record(k, values=(), day=17_000, status=4):
-    """Second `k` of a day: 9 m a second to the north-east, and process values (number, value)."""
+    """Return the record of second `k`, during a drive to the north-east, with process values (number, value)."""
     place = struct.pack("<iiiBH", round(50.877e7) + 600 * k, round(-4.699e7) + 900 * k, 35_000, status, 7)
     body = b"".join(struct.pack("<Bi", *value) for value in values)
     return struct.pack("<IH", 36_000_000 + 1000 * k, day) + place + bytes([len(values)]) + body
 
 
 RECORDS = [record(k, [(1, 1500)] if k == 0 else [(2, -400), (3, 9)] if k == 30 else []) for k in range(60)]
-"""A minute; speed and curvature are logged when they change."""
+"""Records of one minute, in which speed and curvature are logged when they change."""
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ def folder(tmp_path):
 
 
 def checked(log):
-    """A table of `RECORDS`, as it must be."""
+    """Check the table read from `RECORDS`."""
     column = {name: log.source[name].to_numpy(zero_copy_only=False) for name in log.source.column_names}
     k = np.arange(60)
     assert log.reader == "isoxml"
@@ -202,8 +202,7 @@ def test_public_isoxml_files_are_read_completely(name, positions, span, bounds):
 
 
 def test_course_and_curvature_of_a_public_file_agree():
-    """This independent check of the sign of PGN 44032 compares it with course and speed of a receiver on the same
-    bus."""
+    """The sign of PGN 44032 is compared with the course and speed of a receiver on the same bus."""
     file = checkout("dev4Agriculture/isoxml-dotnet", "f7a832d9") / VECTORS / "LoadFromStream/Another-single-ACP.zip"
     names = ("t", "course", "curvature", "speed")
     t, course, kappa, speed = (open_log(file).source[n].to_numpy(zero_copy_only=False) for n in names)

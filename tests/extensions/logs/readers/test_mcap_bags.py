@@ -1,4 +1,4 @@
-"""ROS 2 bags: messages that the writer of mcap-ros2-support wrote, a run of our own, and hostile files."""
+"""ROS 2 bags: messages written by mcap-ros2-support, a simulated run, and hostile files."""
 
 import re
 from math import cos, sin
@@ -38,7 +38,7 @@ COUNT = 400
 
 
 def content(k):
-    """Messages of 20 Hz by their topics."""
+    """Yield topic and message for step `k` of a bag at 20 Hz."""
     yield "/imu", {"angular_velocity": {"x": 0, "y": 0, "z": 0.1 * sin(k / 20)}, "angular_velocity_covariance": [0] * 9}
     yield "/joints", {"name": ["front_left_steer", "front_right_steer", "wheel"], "position": [0.2, 0.1, 99.0]}
     for topic, speed in (("/velocity", 1.5), ("/sim/truth/velocity", 7.0)):

@@ -1,4 +1,4 @@
-"""NMEA text: sentences of pynmeagps and of boards, whole and damaged, through midnight and without a fix."""
+"""NMEA text: valid and damaged sentences of pynmeagps and of boards, across midnight and without a fix."""
 
 from math import pi, radians
 
@@ -11,11 +11,11 @@ from agrobot_mj.extensions.logs.readers.base import HEAD_BYTES
 
 EAST, LATITUDE = 2.5e-5, 50.877  # Degrees of longitude a second, some 1.8 m, and latitude
 BOARD = "$PAOGI,120000.10,5052.6200000,N,00441.9400000,E,4,14,0.7,35.000,1.0,2.333,90.00,-2.50,0.0,5.0"
-"""A position sentence of the AgOpenGPS family, without its check."""
+"""Position sentence of the AgOpenGPS family without its checksum."""
 
 
 def checked(text):
-    """A sentence with its check."""
+    """Return a sentence with its checksum."""
     total = 0
     for character in text[1:]:
         total ^= ord(character)
@@ -23,13 +23,13 @@ def checked(text):
 
 
 def drive(sentences=20):
-    """Lines of a receiver that drives east."""
+    """Return the lines of a receiver that moves east."""
     return [checked(f"$GNGGA,{timed(k)},{place_of(k)},4,12,0.7,35.0,M,0.0,M,1.0,0") for k in range(sentences)]
 
 
 @pytest.fixture
 def written(tmp_path):
-    """A minute at 5 Hz over midnight by pynmeagps, behind the stamps of a logger; the fix is lost for two seconds."""
+    """Write a minute of sentences at 5 Hz across midnight, after stamps of a logger, with two seconds without fix."""
     pynmeagps = pytest.importorskip("pynmeagps", reason="pynmeagps is not installed (uv sync, or make install)")
 
     def sentence(kind, **values):
@@ -127,12 +127,12 @@ def test_rmc_sentence_gives_speed_and_course(tmp_path):
 
 
 def timed(k):
-    """The time of day of the k-th tenth of a second after ten."""
+    """Return the time of day `k` tenths of a second after ten o'clock."""
     return f"10{k // 600:02d}{k % 600 // 10:02d}.{k % 10}0"
 
 
 def place_of(k):
-    """Latitude and longitude fields of a machine that drives east."""
+    """Return the latitude and longitude fields of a machine that moves east, at step `k`."""
     return f"5052.6200000,N,00441.{9400000 + 1000 * k:07d},E"
 
 
@@ -158,7 +158,7 @@ def test_sentences_between_binary_messages_are_read(tmp_path, kind):
 
 @pytest.mark.parametrize("late", [0, 0.3, 3000])
 def test_sentences_before_the_first_valid_time_and_fix_are_omitted(tmp_path, late):
-    """Before the first fix the clock is arbitrary, and just after the fix the receiver corrects it."""
+    """Before the first fix the clock is arbitrary, and just after the fix the receiver corrects the clock."""
     lines = [f"$GPGGA,0{k}0000.00,,,,,0,00,99.9,,M,,M,," for k in range(9)] + [
         "$GPRMC,,V,,,,,,,,,,N",
         "$GPVTG,,,,,,,,,N",
@@ -295,7 +295,7 @@ HEADINGS = [
         "$KSXT,20260501TIME,4.7,50.8,35.0,120.5,1.0,90.0,3.6,,3,2,20,20,,,,,,,",
     ),
 ]
-"""Sentences with a heading, and the same of a doubtful or missing one."""
+"""Pairs of sentences with a valid heading, and with a doubtful or missing heading."""
 
 
 @pytest.mark.parametrize(("good", "doubtful"), HEADINGS)

@@ -1,4 +1,4 @@
-"""The acceptance script tells files that are read correctly from rejected and from wrong ones."""
+"""The acceptance script distinguishes files read correctly, rejected files, and files read wrongly."""
 
 import public_logs
 import pytest

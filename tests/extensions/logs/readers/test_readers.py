@@ -1,4 +1,4 @@
-"""The family of readers: each file is found by what is in it, whatever it is called; one's own reader joins."""
+"""Selection of a log reader by file content, independent of the file name, and user-defined readers."""
 
 import re
 import tomllib
@@ -29,7 +29,7 @@ FILES = {
     "isoxml": HEADER.encode(),
     "columns": CSV,
 }
-"""Beginning of a file of each kind."""
+"""First bytes of a file for each reader."""
 
 
 def kind_of(path, data):
@@ -73,7 +73,7 @@ def test_error_for_an_unknown_log_format_gives_a_remedy(tmp_path):
 
 
 class TwoWords(LogReader):
-    """Lines of a time and an angle in gon."""
+    """Reader for lines with a time and an angle in gon."""
 
     kind: Literal["two_words"] = "two_words"
 
@@ -112,7 +112,7 @@ def test_user_defined_reader_takes_precedence_over_built_in_readers(family, tmp_
 
 def test_reader_that_returns_the_wrong_type_is_named_in_the_error(family, tmp_path):
     class Wrong(TwoWords):
-        """Returns a number."""
+        """Reader that returns a number."""
 
         kind: Literal["wrong"] = "wrong"
 

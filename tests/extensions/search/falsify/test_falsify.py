@@ -1,4 +1,4 @@
-"""Falsification: against failures that are known, above all one that needs two harmless changes together."""
+"""Falsification with known failures, especially a failure that needs two harmless changes together."""
 
 import json
 from math import hypot, sqrt
@@ -23,9 +23,9 @@ SCENARIO = load_scenario("straight_line", {"plant.kind": "bicycle", "duration_s"
 
 
 def plant(error, noise=0.0, unlucky=0.0):
-    """Runs whose largest error is a function of the distances (a, b, c) from mild, with noise of this size by seed.
+    """Return a function that simulates runs whose maximum error depends on the distances (a, b, c) from mild values.
 
-    Under the first seed it is larger by `unlucky`.
+    Noise depends on the seed. With the first seed, the error is larger by `unlucky`.
     """
 
     def do(tasks):
@@ -49,7 +49,7 @@ def search(error, keys=(A, B), noise=0.0, unlucky=0.0, done=lambda tried: None, 
 
 
 def planted(a, b, c=0.0):
-    """An interaction: each alone does next to nothing, both together fail from a b = 0.25 on, at best at (0.5, 0.5)."""
+    """Return an error due to an interaction: a or b alone has little effect, and runs fail from a b = 0.25 on."""
     return 0.05 + 0.02 * (a + b) + 0.23 * max(a * b, 0.0) / 0.25
 
 
@@ -89,7 +89,7 @@ def test_legend_does_not_overlap_the_plotted_combinations():
 
 
 def test_values_next_to_the_found_failure_show_the_failure_boundary():
-    """All runs on the way to the failure pass and all beyond it fail; a slightly smaller value of either key passes."""
+    """Runs with smaller changes on the line to the failure pass, and runs beyond the failure fail."""
     nearer, near, farther, far, less_a, more_a, less_b, more_b = search(planted).around
     assert [tried.fails for tried in (nearer, near, farther, far)] == [False, False, True, True]
     assert [tried.fails for tried in (less_a, more_a, less_b, more_b)] == [False, True, False, True]
@@ -97,7 +97,7 @@ def test_values_next_to_the_found_failure_show_the_failure_boundary():
 
 
 def test_progress_callback_receives_all_evaluations_and_confirmations():
-    """The confirmation runs are as many as the runs of the search."""
+    """Evaluations of the search have one run each; confirmations have more."""
     told = []
     found = search(planted, done=told.append)
     assert [tried for tried in told if tried.runs == 1] == list(found.tried)
@@ -123,7 +123,7 @@ def test_failure_with_only_one_seed_is_not_reported_as_the_result():
 
 
 def test_distance_of_a_normal_parameter_is_in_standard_deviations():
-    """Fails from the mass 770 on: two deviations above its mean."""
+    """Runs fail from a mass of 770 on, two standard deviations above the mean."""
     varied = (Varied.spread(C, 700.0, 35.0), Varied.ranged(A, *RANGES[A]))
     question = FalsifyQuestion(varied, UNTIL, budget=150, seeds=1)
     do = plant(lambda a, b, c: 0.3 + (c - 0.35))

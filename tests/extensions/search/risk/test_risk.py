@@ -1,4 +1,4 @@
-"""Risks: of walks whose probability is known, told to the study as runs are; and of runs of the bicycle."""
+"""Failure probabilities of random walks with known probability, in place of runs, and of runs of the bicycle."""
 
 import json
 import re
@@ -30,7 +30,7 @@ BICYCLE = ("straight_line", "--set", "plant.kind=bicycle", "--set", "guidance.ki
 
 
 def walk(seed, branches, process):
-    """Places of a walk after each step, shape (steps,), driven as a run: one stream, which goes on at its branches."""
+    """Return the positions of a random walk, shape (steps,), whose random stream branches like that of a run."""
     generator, at, pieces = stream(seed, "walk"), 0, []
     draw = generator.standard_normal if process.up is None else generator.random
     for tick, number in [*((each.tick, each.number) for each in branches or ()), (process.steps, None)]:
@@ -43,7 +43,7 @@ def walk(seed, branches, process):
 
 
 def walking(process):
-    """Does tasks as walks; the same for the same seed and branches."""
+    """Return a function that performs tasks as random walks, determined by seed and branches."""
 
     def do(tasks):
         found = []
@@ -72,8 +72,8 @@ def risk_of(process, first_seed=1, **more):
     [pytest.param(WHOLE, id="whole steps"), pytest.param(NORMAL, id="normal steps", marks=pytest.mark.slow)],
 )
 def test_splitting_gives_the_known_failure_probability(process):
-    """Intervals of few splittings contain the probability in 90 % instead of 95 % of cases: at least 15 of 20, except
-    for 4 %."""
+    """Intervals of few splitting runs contain the probability in 90 % of cases. At least 15 of 20 intervals do with a
+    probability of 96 %."""
     found = [risk_of(process, 1 + 1000 * k, particles=25, repeats=4).estimate for k in range(20)]
     mean, error = np.mean([f.probability for f in found]), np.std([f.probability for f in found], ddof=1) / sqrt(20)
     assert error < 0.2 * process.exact
@@ -82,7 +82,7 @@ def test_splitting_gives_the_known_failure_probability(process):
 
 
 def test_splitting_needs_a_tenth_of_the_direct_runs_at_probability_1e_4():
-    """Plain runs for the same standard error: p (1 - p) / error^2."""
+    """Direct simulation needs p (1 - p) / error^2 runs for the same standard error."""
     process = NORMAL._replace(top=21.5)
     assert 0.5e-4 < process.exact < 2e-4
     found = risk_of(process, particles=60, repeats=10)
@@ -115,7 +115,7 @@ def test_risk_search_ends_below_the_minimum_probability():
 
 
 def raising(until, runs):
-    """A risk whose first `runs` of five raise an error, and whose others do not fail."""
+    """Return the risk estimate from runs of which the first `runs` of five raise an error, and all others succeed."""
     question = RiskQuestion(until, particles=5, repeats=2)
     good = {"outcome": "completed", "expected": True, "error": None, "xte_abs_max": 0.5, "rises": [[1, 0.5]]}
 
@@ -181,7 +181,7 @@ def test_risk_command_resumes_and_saves_a_repeatable_failure(call, tmp_path, pla
 
 @pytest.mark.parametrize("quiet", [False, True])
 def test_progress_of_each_splitting_round_is_printed_to_stderr(call, monkeypatch, quiet):
-    """The first round simulates all particles, which may take minutes."""
+    """The first round simulates all paths, which may take minutes."""
     monkeypatch.setattr(progress, "BETWEEN_LINES_S", 0.0)
     words = ["risk", *BICYCLE[:-1], "duration_s=1", "--until", "xte_abs_max > 0.01", "--particles", "2"]
     _, said, error = call(*words, "--repeats", "2", "--jobs", "1", *(["--quiet"] if quiet else []))
@@ -234,7 +234,7 @@ TREES |= {"plant.kind": "bicycle", "estimator.initial_yaw_sigma_deg": 0.5}
 
 
 def splittings(duration, at, particles, repeats, least=1e-6):
-    """The populations of runs beside trees that come `at` [m] off a straight line."""
+    """Return the scenario, and splitting runs of the tractor below trees that fail `at` [m] off a straight line."""
     scenario = load_scenario("straight_line", {**TREES, "duration_s": duration})
     question = RiskQuestion(f"xte_abs_max > {at}", particles, repeats, least=least)
     condition = condition_of(question.until, scenario)
@@ -261,8 +261,8 @@ def test_branched_runs_are_equal_until_the_branch_and_then_differ():
 
 
 @pytest.mark.slow
-def test_splitting_on_the_bicycle_agrees_with_direct_simulation():
-    """Beside trees, about one run in ten: within three standard errors of both."""
+def test_multilevel_splitting_and_simulation_agree_on_the_bicycle_model():
+    """About one run in ten fails. Both estimates agree within three standard errors."""
     at, plain = 0.06, 200
     scenario, found = splittings(5.0, at, 20, 20)
     split = estimate([each.split for each in found], 20)

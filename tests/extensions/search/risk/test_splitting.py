@@ -1,4 +1,4 @@
-"""Splitting on processes whose probability is known: a walk on whole numbers, full of ties, and one of normal steps."""
+"""Splitting of processes with known probability: walks with integer steps, which have many ties, or normal steps."""
 
 from functools import cache
 from math import inf, sqrt
@@ -12,7 +12,7 @@ from agrobot_mj.extensions.search.risk.splitting import Split, estimate, split
 
 
 class Walk(NamedTuple):
-    """A walk from 0 and its running maximum; it fails where that reaches `top`."""
+    """Random walk from 0, which fails if its maximum reaches `top`."""
 
     places: np.ndarray
     top: float
@@ -24,7 +24,7 @@ class Walk(NamedTuple):
 
 
 class Process(NamedTuple):
-    """A walk of `steps` steps, of normal ones, or of whole ones: up with the chance `up`, else down."""
+    """Random walk of `steps` steps: normal steps, or unit steps that go up with the probability `up`."""
 
     steps: int
     top: float
@@ -54,7 +54,7 @@ class Process(NamedTuple):
 
     @property
     def exact(self):
-        """Probability that the maximum reaches the top: of whole steps, by the chance of each place below it."""
+        """Probability that the maximum of the walk reaches `top`."""
         return _exact_of_whole_steps(self) if self.up is not None else _exact_of_normal_steps(self)
 
 
@@ -72,7 +72,7 @@ def _exact_of_whole_steps(p):
 
 @cache
 def _exact_of_normal_steps(p, spacing=0.05):
-    """By the density below the top on a grid, its convolution with that of a step."""
+    """Return the probability by convolution of the density below `top` with the density of a step, on a grid."""
     depth = p.top + (8 + abs(p.drift) * sqrt(p.steps)) * sqrt(p.steps)
     x = p.top - spacing * (np.arange(int(depth / spacing)) + 0.5)
     width = np.arange(-8, 8 + spacing / 2, spacing)
@@ -94,7 +94,7 @@ def means(process, n, worst, repeats, first=0):
 
 
 def test_reference_probabilities_of_random_walks_agree_with_theory():
-    """Reflection: P(max >= a) = 2 P(S > a) + P(S = a) for even chances; Siegmund's correction for normal steps."""
+    """Theory: P(max >= a) = 2 P(S > a) + P(S = a) for symmetric unit steps; Siegmund's correction for normal steps."""
     even = Process(steps=20, top=6, up=0.5)
     ends = 20 - 2 * np.random.default_rng(1).binomial(20, 0.5, 400_000)
     assert even.exact == pytest.approx(2 * np.mean(ends > 6) + np.mean(ends == 6), abs=0.005)
