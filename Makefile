@@ -115,7 +115,7 @@ findings: $(DEV_STAMP) ## Run what docs/findings.md lacks (a day for all; STUDY=
 estimators: $(DEV_STAMP) ## Drive and replay with every estimator and write docs/reference/estimators_tables.md (half an hour)
 	@$(PY) scripts/pages.py estimators $(STUDY)
 
-gains: $(DEV_STAMP) ## Search the gains of the laws that docs/tuning lacks, and write docs/reference/guidance_tables.md (an hour)
+gains: $(DEV_STAMP) ## Search gains that docs/tuning lacks, repeat the search from the default gains, and write their tables (two hours)
 	@$(PY) scripts/pages.py gains $(STUDY)
 
 acquisition: $(DEV_STAMP) ## Let the path followers come onto a line from beside it, and write docs/reference/guidance_tables.md
