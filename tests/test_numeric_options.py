@@ -22,7 +22,7 @@ def real_options():
 REAL = list(real_options())
 ENDLESS = {"--to", "--wait"}  # Options that may be infinite
 GIVEN = {"limit": ("circle", "--key", "seed", "--range", "1:2", "--until", "x")}
-"""Other required arguments of a command."""
+"""Required arguments of each command, in addition to the tested option."""
 
 
 @pytest.mark.parametrize(("command", "option"), REAL)

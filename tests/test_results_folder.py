@@ -35,7 +35,7 @@ def elsewhere(tmp_path, monkeypatch):
 
 @pytest.fixture
 def call(call):
-    """Return a function that runs a command line and returns exit status and stderr."""
+    """Return a function that runs a command line and returns its exit status and stderr output."""
     return lambda *arguments: call(*arguments)[::2]
 
 

@@ -168,7 +168,7 @@ class TurnEvidence(NamedTuple):
     turned: float = 0.0  # Integral of the measured yaw rate [rad]
     known_s: float = 0.0  # Time covered by valid fixes [s]
     late: complex = 0j
-    """Mean over SWAY_S of the fix velocity rotated by minus the gyro angle [m/s], or 0 before the first valid fix."""
+    """Fix velocity rotated back by the gyro angle `turned`, mean over SWAY_S [m/s]; 0 before the first valid fix."""
     long: complex = 0j  # Fix velocity rotated back by the gyro angle `turned`, mean over TURN_TIME_S [m/s]
 
     def after(self, m: Sensed, fix: Fix, quality: int, dt: float) -> "TurnEvidence":

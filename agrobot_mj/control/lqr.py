@@ -175,7 +175,7 @@ class Lqr(Integrating):
     rate_deg_s: Positive = 35.0
     """Steering rate that contributes 1 to the cost [deg/s]. Assumed value from tuning; manual tuning gives 4-15."""
     steer_deg: Positive = 6.0
-    """Deviation from the feed-forward angle that adds 1 to the cost [deg]. Assumed value (range 3-15) from tuning."""
+    """Deviation from the feed-forward angle that contributes 1 to the cost [deg]. Assumed value (3-15) from tuning."""
     integral_m_s: Positive | None = 2.6
     """Integral of the cross-track error that contributes 1 to the cost [m s]; null disables integral action. Assumed
     value (range 1-5), with which the error after a step disturbance decays in 10 s."""

@@ -94,8 +94,8 @@ class TimedCourse:
         ahead = course.curvatures, course.sharpnesses, course.trends, np.diff(v) / durations
         curvatures, sharpnesses, trends, gains = (np.append(values, 0.0) for values in ahead)
         motion = np.append(course.directions, last), v, gains
-        self._joints = np.column_stack((self.times, *course.joints(), curvatures, sharpnesses, trends, *motion))
-        self._rows = [_Joint(*row) for row in self._joints.tolist()]
+        self.joints = np.column_stack((self.times, *course.joints(), curvatures, sharpnesses, trends, *motion))
+        self._rows = [_Joint(*row) for row in self.joints.tolist()]
         self._starts = [joint.t for joint in self._rows]
 
     @property
@@ -135,10 +135,6 @@ class TimedCourse:
             first = self._rows[0]
             return reference(Pose(first.x, first.y, first.yaw), first.curvature, 0.0)
         return _passed(self._rows[bisect_right(self._starts, t) - 1], t)
-
-    def samples(self, times: Vector) -> Matrix:
-        """Return the rows of `core.samples` at positive `times` [s], equal to `at`."""
-        return _sampled(self._joints, times)
 
 
 class Timed(ReferencePath):
@@ -198,7 +194,7 @@ class Timed(ReferencePath):
         return _motion(self).at(t)
 
     def _compiled_samples(self, times: Vector) -> Matrix:
-        return _motion(self).samples(times)
+        return _sampled(_motion(self).joints, times)
 
 
 @lru_cache(maxsize=16)

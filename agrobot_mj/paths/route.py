@@ -20,6 +20,7 @@ from agrobot_mj.core.samples import (
     SPEED,
     STEP_M,
     TURNED,
+    WIDTH,
     WINDOW_M,
     YAW,
     S,
@@ -189,7 +190,7 @@ class SampledRoute:
         """Append samples to a buffer, whose capacity doubles when the buffer is full."""
         count, end = len(self._samples), len(self._samples) + len(new)
         if end > len(self._buffer):
-            self._buffer = np.empty((2 * end, len(Sample._fields)))  # unwritten parts use no memory
+            self._buffer = np.empty((2 * end, WIDTH))  # unwritten parts use no memory
             self._buffer[:count] = self._samples
         self._buffer[count:end] = new
         self._samples = self._buffer[:end]

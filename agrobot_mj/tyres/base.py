@@ -188,7 +188,7 @@ class TyreBase(Spec):
         return self
 
     def coefficients(self, tractor: TractorParameters) -> tuple[TyreLaw, TyreLaw]:
-        """Return the coefficients of the law for a front tyre and a rear tyre; both have the same class."""
+        """Return the coefficients of the tyre law, for a front tyre and for a rear tyre, in the same class."""
         raise NotImplementedError
 
 

@@ -84,7 +84,7 @@ class Linear(TyreBase):
         return Structure(self.relaxation_radii, self.bristle_damping_s, self.rolling_resistance)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[LinearLaw, LinearLaw]:
-        """Return the coefficients of the law for a front tyre and a rear tyre."""
+        """Return the coefficients of the tyre law, for a front tyre and for a rear tyre."""
         return (
             LinearLaw(self.front_slip_stiffness_n, self.front_cornering_stiffness_n_rad),
             LinearLaw(self.rear_slip_stiffness_n, self.rear_cornering_stiffness_n_rad),

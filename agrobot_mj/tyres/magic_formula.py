@@ -175,7 +175,7 @@ class MagicFormula(CarcassTyre):
         return super().structure()._replace(rolling_resistance=self.rolling_resistance, trail_m=self.trail_m)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[MagicLaw, MagicLaw]:
-        """Return the coefficients of the law for a front tyre and a rear tyre."""
+        """Return the coefficients of the tyre law, for a front tyre and for a rear tyre."""
         a = self.sliding_anisotropy
         return self.front.law(tractor.front_wheel.load, a), self.rear.law(tractor.rear_wheel.load, a)
 

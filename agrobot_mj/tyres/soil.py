@@ -116,7 +116,7 @@ class Soil(CarcassTyre):
         return super().structure()._replace(rolling_resistance=OWN_LOSS, cone_index_pa=1e3 * self.cone_index_kpa)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[SoilLaw, SoilLaw]:
-        """Return the coefficients of the law for a front tyre and a rear tyre."""
+        """Return the coefficients of the tyre law, for a front tyre and for a rear tyre."""
         front, rear = (
             SoilLaw(w.width, 2 * w.radius, self.section_height(w), self.radial(w), self.sliding_anisotropy)
             for w in tractor.wheels
