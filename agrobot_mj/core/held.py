@@ -37,6 +37,9 @@ class HeldType(types.StructRef):  # type: ignore[misc]
         KINDS[self.number] = value
 
 
+ANY = HeldType(types.none)  # Type of a reference to a state of any type, annotated `Held[Any]`
+
+
 @unbox(HeldType)
 def _taken(kind: Any, reference: Any, c: Any) -> Any:
     """Convert a Python reference to a native reference, which kernels without reference counting borrow."""

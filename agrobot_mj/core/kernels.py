@@ -18,7 +18,7 @@ from numba.np.numpy_support import from_dtype
 
 from agrobot_mj.core import geometry
 from agrobot_mj.core.boxing import box_in_c
-from agrobot_mj.core.held import KINDS, HeldType, Reference, holding, number_of, value_of
+from agrobot_mj.core.held import ANY, KINDS, HeldType, Reference, holding, number_of, value_of
 from agrobot_mj.core.kernel_cache import CACHE, PackageCache, is_ours
 from agrobot_mj.core.machine_code import generate_on_request
 
@@ -26,6 +26,7 @@ F = TypeVar("F", bound=Callable[..., object])
 T = TypeVar("T")
 if "NUMBA_OPT" not in os.environ:
     config.OPT = type(config.OPT)(2)  # code as fast as from level 3, compiled in half the time
+COMPILES = not config.DISABLE_JIT  # Whether kernels are compiled
 box_in_c()
 generate_on_request()
 
@@ -69,10 +70,14 @@ def bound(function: Any, *arguments: object) -> Callable[..., Any]:
     """Return `function` compiled for the types of `arguments`. Calls bypass numba's type dispatch."""
     if config.DISABLE_JIT:
         return cast(Callable[..., Any], function)
-    kinds = tuple(HeldType(KINDS[number_of(a)]) if type(a) is Reference else typeof(a) for a in arguments)
+    kinds = _kinds_of(arguments)
     entry, hints = _entry(function, *kinds), get_type_hints(function.py_func, include_extras=True)
     _check_references(function.__name__, hints["return"], function.overloads[kinds].signature.return_type)
     return entry
+
+
+def _kinds_of(arguments: tuple[object, ...]) -> tuple[types.Type, ...]:
+    return tuple(HeldType(KINDS[number_of(a)]) if type(a) is Reference else typeof(a) for a in arguments)
 
 
 def stage(function: F) -> F:
@@ -96,17 +101,37 @@ def stage(function: F) -> F:
                     f"{function.__name__}: argument {k + 1} must be a reference from held(), got {arguments[k]!r:.80}"
                 )
         if not entries:
-            known = get_type_hints(compiled.py_func, include_extras=True)
-            kinds = {name: declared(hint) for name, hint in known.items() if name != "return"}
-            for given, kind in zip(arguments, kinds.values(), strict=True):
-                if isinstance(kind, HeldType) and number_of(given) != kind.number:
+            for given, kind in zip(arguments, _arguments_of(compiled), strict=True):
+                if isinstance(kind, HeldType) and kind is not ANY and number_of(given) != kind.number:
                     raise TypeError(f"{function.__name__}: an argument must be a reference to {kind.types[0]}")
-            entries.append(_entry(compiled, *kinds.values()))
-            found = compiled.overloads[tuple(kinds.values())].signature.return_type
-            _check_references(function.__name__, known["return"], found)
+            entries.append(_checked_entry(compiled))
         return entries[0](*arguments)
 
+    call.compiled = compiled  # type: ignore[attr-defined]
     return cast(F, call)
+
+
+def code_of(function: Any, *arguments: object) -> Any:
+    """Return numba's compilation result of a `stage` function, or of a kernel for the types of `arguments`."""
+    if arguments:
+        bound(function, *arguments)
+        return function.overloads[_kinds_of(arguments)]
+    _checked_entry(function.compiled)
+    return function.compiled.overloads[_arguments_of(function.compiled)]
+
+
+def _arguments_of(compiled: Any) -> tuple[types.Type, ...]:
+    hints = get_type_hints(compiled.py_func, include_extras=True)
+    return tuple(declared(hint) for name, hint in hints.items() if name != "return")
+
+
+def _checked_entry(compiled: Any) -> Callable[..., Any]:
+    """Return the function compiled for its annotated arguments. Raises TypeError if its result contradicts them."""
+    kinds, function = _arguments_of(compiled), compiled.py_func
+    entry = _entry(compiled, *kinds)
+    hint = get_type_hints(function, include_extras=True)["return"]
+    _check_references(function.__name__, hint, compiled.overloads[kinds].signature.return_type)
+    return entry
 
 
 def _entry(compiled: Any, *kinds: types.Type) -> Callable[..., Any]:
@@ -136,7 +161,7 @@ def declared(hint: Any) -> types.Type:
     if hint in NUMBERS:
         return NUMBERS[hint]
     if get_origin(hint) is Annotated:
-        return HeldType(declared(hint.__origin__))
+        return ANY if hint.__origin__ is Any else HeldType(declared(hint.__origin__))
     if get_origin(hint) is np.ndarray:
         shape, kind = get_args(hint)
         return types.Array(from_dtype(np.dtype(get_args(kind)[0])), len(get_args(shape)), "C")
