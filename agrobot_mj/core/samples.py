@@ -41,10 +41,27 @@ def sample_of(t: float, r: Reference) -> Sample:
 
 
 @shared
-def write_sample(samples: Matrix, n: int, t: float, r: Reference) -> None:
-    """Write the sample of the reference `r` at the time `t` [s] to row `n`."""
-    for k, value in enumerate(sample_of(t, r)):
-        samples[n, k] = value
+def write_reference(references: Matrix, n: int, r: Reference) -> None:
+    """Write the fields of the reference `r` to row `n`."""
+    for k, value in enumerate(r):
+        references[n, k] = value
+
+
+@shared
+def reference_in(references: Matrix, n: int) -> Reference:
+    """Return the reference in row `n`."""
+    r = references[n]
+    return Reference(r[0], r[1], r[2], r[3], r[4], r[5], r[6])
+
+
+@jit
+def samples_at(times: Vector, references: Matrix) -> Matrix:
+    """Return samples for the references (n, 7) at `times` (n,) [s], without the quantities along the path."""
+    samples = np.zeros((times.size, WIDTH))
+    for n in range(times.size):
+        for k, value in enumerate(sample_of(times[n], reference_in(references, n))):
+            samples[n, k] = value
+    return samples
 
 
 @shared

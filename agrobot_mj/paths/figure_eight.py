@@ -22,7 +22,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from agrobot_mj.core.kernels import shared, stage
-from agrobot_mj.core.samples import WIDTH, write_sample
+from agrobot_mj.core.samples import write_reference
 from agrobot_mj.core.signals import Matrix, Reference, Vector
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.paths.arc import RAMP_S, Place, Pose, Ramp, advance, progress, reference_along, turns
@@ -75,16 +75,16 @@ def _on_piece(piece: _Piece, distance: float, speed: float) -> Reference:
 
 
 @stage
-def _sampled(pieces: Matrix, ramp: float, speed: float, run_in: float, length: float, times: Vector) -> Matrix:
-    samples = np.empty((times.size, WIDTH))
+def _references(pieces: Matrix, ramp: float, speed: float, run_in: float, length: float, times: Vector) -> Matrix:
+    references = np.empty((times.size, 7))
     for n, t in enumerate(times):
         distance, now = _driven(t, ramp, speed, run_in, length)
         k = 0
         while pieces[k, 0] > distance:
             k += 1
         p = pieces[k]
-        write_sample(samples, n, t, _on_piece(_Piece(p[0], p[1], p[2], p[3], p[4], p[5]), distance, now))
-    return samples
+        write_reference(references, n, _on_piece(_Piece(p[0], p[1], p[2], p[3], p[4], p[5]), distance, now))
+    return references
 
 
 class FigureEight(Transitions, ReferencePath):
@@ -151,9 +151,9 @@ class FigureEight(Transitions, ReferencePath):
         distance, speed = _driven(t, self.ramp_s, self.speed_m_s, self.run_in_m, length)
         return _on_piece(next(piece for piece in pieces if piece.start <= distance), distance, speed)
 
-    def _compiled_samples(self, times: Vector) -> Matrix:
+    def _references_at(self, times: Vector) -> Matrix:
         pieces, length = _lap(self)
-        return _sampled(np.array(pieces), self.ramp_s, self.speed_m_s, self.run_in_m, length, times)
+        return _references(np.array(pieces), self.ramp_s, self.speed_m_s, self.run_in_m, length, times)
 
 
 def _lap(path: FigureEight) -> tuple[tuple[_Piece, ...], float]:

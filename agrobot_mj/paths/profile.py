@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from agrobot_mj.core.kernels import shared, stage
-from agrobot_mj.core.samples import WIDTH, write_sample
+from agrobot_mj.core.samples import write_reference
 from agrobot_mj.core.signals import Array, Matrix, Reference, Vector
 from agrobot_mj.paths.arc import Place, Pose, Speed, reference, reference_along
 from agrobot_mj.paths.base import PathOutline, ReferencePath
@@ -67,13 +67,13 @@ def _passed(joint: _Joint, t: float) -> Reference:
 
 
 @stage
-def _sampled(joints: Matrix, times: Vector) -> Matrix:
-    samples = np.empty((times.size, WIDTH))
+def _references(joints: Matrix, times: Vector) -> Matrix:
+    references = np.empty((times.size, 7))
     for n, t in enumerate(times):
         j = joints[np.searchsorted(joints[:, 0], t, "right") - 1]
         joint = _Joint(j[0], j[1], j[2], j[3], j[4], j[5], j[6], j[7], j[8], j[9])
-        write_sample(samples, n, t, _passed(joint, t))
-    return samples
+        write_reference(references, n, _passed(joint, t))
+    return references
 
 
 class TimedCourse:
@@ -193,8 +193,8 @@ class Timed(ReferencePath):
         """Return the reference state at time `t` [s]; the reference continues straight after the end."""
         return _motion(self).at(t)
 
-    def _compiled_samples(self, times: Vector) -> Matrix:
-        return _sampled(_motion(self).joints, times)
+    def _references_at(self, times: Vector) -> Matrix:
+        return _references(_motion(self).joints, times)
 
 
 @lru_cache(maxsize=16)

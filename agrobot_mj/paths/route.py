@@ -33,6 +33,7 @@ from agrobot_mj.core.samples import (
     nearest_point,
     point_at,
     sample_of,
+    samples_at,
 )
 from agrobot_mj.core.signals import Array, Matrix, PathPoint, Reference, Vector
 from agrobot_mj.paths.base import ReferencePath, reference_at
@@ -46,7 +47,8 @@ MAX_DIFFERENCE = 0.01
 Assumed value, which excludes the exit from the field after the last pass."""
 MIN_TURN = 0.8  # Minimum heading change of a path with laps [rad]. Assumed value (45 deg).
 
-_search, _nearest, _ahead, _curvatures = (
+_samples_at, _search, _nearest, _ahead, _curvatures = (
+    stage(samples_at),
     stage(found_nearest),
     stage(nearest_point),
     stage(point_at),
@@ -158,8 +160,8 @@ class SampledRoute:
         while self._until < until or (self._end < beyond and self._until < self.path.duration_s + BEYOND_S):
             count = max(int(CHUNK_S * self.path.speed_m_s / STEP_M), 4)
             times = self._until + CHUNK_S * np.arange(1, count + 1) / count
+            self._append(_samples_at(times, references_at(self.path, times)))
             self._until = float(times[-1])
-            self._append(samples_of(self.path, times))
         return self._until > before
 
     def _append(self, new: Array) -> None:
@@ -197,17 +199,17 @@ class SampledRoute:
         self._end = float(new[-1, S])
 
 
-def samples_of(path: ReferencePath, times: Vector) -> Matrix:
-    """Return the samples of a path at increasing positive `times` [s], without the quantities along the path.
+def references_at(path: ReferencePath, times: Vector) -> Matrix:
+    """Return the references of a path at increasing positive `times` (n,) [s], shape (n, 7), as rows of `Reference`.
 
-    A path class may define its method `at` again as `_compiled_samples`. Subclasses with their own `at` are called per
-    sample, and so are paths with non-finite numbers, whose error names the path and the time.
+    A path class may define its method `at` again as `_references_at`. Subclasses with their own `at` are called per
+    time, and so are paths with non-finite numbers, whose error names the path and the time.
     """
     owner = next(kind for kind in type(path).__mro__ if "at" in vars(kind))
-    compiled = vars(owner).get("_compiled_samples")
+    compiled = vars(owner).get("_references_at")
     if compiled and np.isfinite(found := compiled(path, times)).all():
         return cast(Matrix, found)
-    return np.array([sample_of(t, reference_at(path, t)) for t in times.tolist()])
+    return np.array([reference_at(path, t) for t in times.tolist()])
 
 
 def lap_length(s: Array, yaw: Array) -> float:

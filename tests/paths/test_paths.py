@@ -11,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from agrobot_mj.core.errors import NotFiniteError
 from agrobot_mj.core.geometry import wrap
-from agrobot_mj.core.samples import sample_of
+from agrobot_mj.core.samples import sample_of, samples_at
 from agrobot_mj.core.spec import every
 from agrobot_mj.paths import (
     Circle,
@@ -28,7 +28,7 @@ from agrobot_mj.paths import (
     sample,
 )
 from agrobot_mj.paths.arc import SLOWEST_M_S, Pose, advance
-from agrobot_mj.paths.route import samples_of
+from agrobot_mj.paths.route import references_at
 
 RAMPED = [
     *(Line(), Circle(), FigureEight()),
@@ -91,13 +91,15 @@ def test_path_tests_include_every_path_kind() -> None:
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_compiled_samples_of_a_path_equal_its_references_bit_for_bit(path):
+def test_compiled_references_of_a_path_equal_its_method_at_bit_for_bit(path):
     times = np.linspace(0.01, path.duration_s + 5.0, 400)
-    expected = [sample_of(t, path.at(t)) for t in times.tolist()]
-    assert np.array_equal(samples_of(path, times), expected)
+    found, expected = references_at(path, times), [path.at(t) for t in times.tolist()]
+    assert np.array_equal(found, expected)
+    samples = [sample_of(t, r) for t, r in zip(times.tolist(), expected, strict=True)]
+    assert np.array_equal(samples_at(times, found), samples)
 
 
-def test_samples_of_a_subclass_follow_its_own_method_at():
+def test_references_of_a_subclass_follow_its_own_method_at():
     class Shifted(FigureEight):
         def at(self, t):
             return super().at(t)._replace(x=7.0)
@@ -107,8 +109,8 @@ def test_samples_of_a_subclass_follow_its_own_method_at():
             return super().at(2 * t)
 
     times = np.array([1.0, 2.0])
-    assert (samples_of(Shifted(), times)[:, 1] == 7.0).all()
-    assert np.array_equal(samples_of(Faster(), times)[:, 1:6], samples_of(Sinusoid(), 2 * times)[:, 1:6])
+    assert (references_at(Shifted(), times)[:, 0] == 7.0).all()
+    assert np.array_equal(references_at(Faster(), times), references_at(Sinusoid(), 2 * times))
 
 
 def test_samples_with_missing_numbers_name_the_path_and_the_time():
@@ -118,7 +120,7 @@ def test_samples_with_missing_numbers_name_the_path_and_the_time():
             return course._replace(start=course.start._replace(y=nan))
 
     with pytest.raises(NotFiniteError, match=r"reference.y is nan, returned by the path \(sinusoid\) at t = 1.00 s"):
-        samples_of(Broken(), np.array([1.0]))
+        references_at(Broken(), np.array([1.0]))
 
 
 @pytest.mark.parametrize(("curvature", "distance", "sharpness"), [(inf, 1.0, 0.1), (0.1, inf, 0.1), (0.1, 1.0, inf)])
