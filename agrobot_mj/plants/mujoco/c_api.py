@@ -6,11 +6,14 @@ and data are passed as addresses. Each function returns 1 if MuJoCo has reported
 """
 
 import ctypes
+import sys
+from functools import cache
 from pathlib import Path
 from typing import Any, NoReturn
 
 import llvmlite.binding as llvm
 import mujoco
+import numpy as np
 from numba import config, types
 
 from agrobot_mj.plants.mujoco.protection import Protected
@@ -33,6 +36,19 @@ INSTALLED = clock.value  # Address of the profiler clock, which is disabled here
 clock.value = None
 
 
+def flags_of(model: mujoco.MjModel) -> Any:
+    """Return the field `opt.disableflags` of a model as an array of shape (1,), for compiled kernels."""
+    return np.ctypeslib.as_array((ctypes.c_int32 * 1).from_address(model._address + _offset_of_flags()))
+
+
+@cache
+def _offset_of_flags() -> int:
+    """Return the position of `opt.disableflags` in `mjModel` [bytes], found by a number that occurs nowhere else."""
+    model, number = mujoco.MjModel.from_xml_string("<mujoco/>"), 0x2A5A3C5A
+    model.opt.disableflags = number
+    return ctypes.string_at(model._address, 1 << 12).index(number.to_bytes(4, sys.byteorder))
+
+
 _CALLS: dict[str, tuple[str, ...]] = {
     "step1": ("mj_step1",),
     "step1_again": (
@@ -41,6 +57,8 @@ _CALLS: dict[str, tuple[str, ...]] = {
     ),
     "step2": ("mj_step2",),
     "kinematics": ("mj_kinematics",),
+    "joint_forces": ("mj_rnePostConstraint",),
+    "motions": ("mj_comPos", "mj_comVel"),
     "actuate": ("mj_fwdActuation",),
     "integrate": ("mj_checkAcc", "mj_implicit"),
 }
@@ -53,7 +71,7 @@ def _function(name: str) -> Any:
     return types.ExternalFunction(f"agrobot_{name}", types.int32(types.intp, types.intp))
 
 
-step1, step1_again, step2, kinematics, actuate, integrate = map(_function, _CALLS)
+step1, step1_again, step2, kinematics, joint_forces, motions, actuate, integrate = map(_function, _CALLS)
 
 
 def fail() -> NoReturn:

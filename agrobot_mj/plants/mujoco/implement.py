@@ -1,13 +1,11 @@
 """Implement of a running tractor: MuJoCo model, inputs of the compiled loop, log columns, and antenna motion."""
 
-from collections.abc import Sequence
-from math import exp, log1p, nan, radians, sqrt
+from math import exp, inf, log1p, nan, radians, sqrt
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
-from agrobot_mj.core.geometry import to_heading, wrap
 from agrobot_mj.core.randomness import gauss_markov, stream
 from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.machine.implements.base import Axle, DepthWheel, HitchedBody, Shape, Unevenness
@@ -17,11 +15,11 @@ from agrobot_mj.plants.mujoco.bodywork import ACROSS, Panel, draw
 from agrobot_mj.plants.mujoco.bodywork import wheel as drawn_wheel
 from agrobot_mj.plants.mujoco.mechanism import LIMITED, in_unit_of
 from agrobot_mj.plants.mujoco.model import wheel_inertia
-from agrobot_mj.plants.mujoco.tools import DEPTH, DRAUGHT, MEMORIES, SIDE, WHEEL_LOAD, Attached
-from agrobot_mj.plants.mujoco.views import CHASSIS, IMPLEMENT
+from agrobot_mj.plants.mujoco.tools import MEMORIES, Attached
+from agrobot_mj.plants.mujoco.views import IMPLEMENT
 from agrobot_mj.tyres.base import TyreBase
 from agrobot_mj.tyres.laws import tyre_set
-from agrobot_mj.tyres.patch import FORCE_Y, LOAD, TyreSet
+from agrobot_mj.tyres.patch import TyreSet
 
 IMPLEMENT_WHEELS = ("il", "ir")
 
@@ -145,6 +143,7 @@ def attached(
     axle = hitched.axle if hitched else None
     names = IMPLEMENT_WHEELS if axle else ()
     uneven, step = draught_pattern(hitched.unevenness if hitched else Unevenness(), seed)
+    fold_q, fold = fold_joint(hitched, model) if hitched else (-1, inf)
     return Attached(
         body=model.body(IMPLEMENT).id if hitched else 0,
         native=tyre.native is not None,
@@ -160,6 +159,12 @@ def attached(
         wheel_report=np.zeros((len(names), 6)),
         memory=np.zeros(MEMORIES),
         report=np.zeros(4),
+        pull=np.zeros(3),
+        point=hitched.point if hitched else (0.0, 0.0, 0.0),
+        antenna=(hitched.antenna if hitched else None) or (nan, nan, nan),
+        has_tool=hitched is not None and hitched.tool is not None,
+        fold_q=fold_q,
+        fold=fold,
     )
 
 
@@ -170,80 +175,14 @@ class Motion(NamedTuple):
     velocity: tuple[float, float, float]  # Velocity of the point, ENU [m/s]
 
 
-def fold_joint(hitched: HitchedBody, model: mujoco.MjModel) -> tuple[int, float] | None:
-    """Return the index of the drawbar's yaw angle in qpos and the jackknife angle [rad], or None without a drawbar."""
+def fold_joint(hitched: HitchedBody, model: mujoco.MjModel) -> tuple[int, float]:
+    """Return the index of the drawbar's yaw angle in qpos and the jackknife angle [rad], or -1 without a drawbar."""
     for joint in hitched.joints if hitched.axle else ():
         if joint.axis == (0.0, 0.0, 1.0):
             return int(model.joint(joint.name).qposadr[0]), joint.limit - AT_THE_STOP
-    return None
+    return -1, inf
 
 
-class RunningImplement:
-    """Implement attached to the tractor in a running MuJoCo simulation."""
-
-    def __init__(self, hitched: HitchedBody, model: mujoco.MjModel, data: mujoco.MjData, parts: Attached) -> None:
-        self.hitched, self.model, self.data, self.parts = hitched, model, data, parts
-        self.body, self.pull = parts.body, np.zeros(3)
-        self.fold = fold_joint(hitched, model)
-
-    def finish_tick(self) -> None:
-        """Compute the hitch force and the body velocities after the last physics step of a tick."""
-        mujoco.mj_rnePostConstraint(self.model, self.data)
-        self.pull[:] = self.data.cfrc_int[self.body, 3:]
-        mujoco.mj_comPos(self.model, self.data)
-        mujoco.mj_comVel(self.model, self.data)
-
-    def motion(self, at: tuple[float, float, float]) -> Motion:
-        """Return the motion of the point `at`, given in the implement frame relative to the hitch [m]."""
-        data, body = self.data, self.body
-        place = data.xpos[body] + data.xmat[body].reshape(3, 3) @ at
-        velocity = data.cvel[body, 3:] + np.cross(data.cvel[body, :3], place - data.subtree_com[CHASSIS])
-        x, y, z = place.tolist()
-        vx, vy, vz = velocity.tolist()
-        return Motion((x, y, z), (vx, vy, vz))
-
-    @property
-    def antenna(self) -> Motion | None:
-        """Motion of the GNSS antenna, or None for an antenna on the tractor."""
-        return None if self.hitched.antenna is None else self.motion(self.hitched.antenna)
-
-    @property
-    def lean_cosine(self) -> float:
-        """Cosine of the angle between the implement's upward axis and the vertical [-]."""
-        return float(self.data.xmat[self.body, 8])
-
-    @property
-    def jackknifed(self) -> bool:
-        """Whether the yaw angle of the drawbar, if there is one, is within `AT_THE_STOP` of its stop."""
-        return self.fold is not None and abs(float(self.data.qpos[self.fold[0]])) > self.fold[1]
-
-    @property
-    def arrays(self) -> tuple[Array, ...]:
-        """Arrays that a tick modifies in place, except the arrays of MjData."""
-        parts = self.parts
-        return parts.bristles, parts.wheel_report, parts.tyres.relaxation, parts.memory, parts.report, self.pull
-
-    def forget(self) -> None:
-        """Reset forces, soil deflections and working distance to zero."""
-        for array in self.arrays:
-            array[:] = 0.0
-
-    @property
-    def working_place(self) -> tuple[float, float]:
-        """East and north position [m] of the working point: the tool, or the axle without a tool."""
-        return self.motion(self.hitched.point).place[:2]
-
-    def report(self) -> Sequence[float]:
-        """Return the values of `COLUMNS`."""
-        parts, hitched = self.parts, self.hitched
-        yaw, ahead = self._yaw(self.body), self._yaw(CHASSIS)
-        x, y = self.working_place
-        fx, fy, fz = self.pull.tolist()
-        soil = [nan] * 3 if hitched.tool is None else [float(parts.report[i]) for i in (DRAUGHT, SIDE, DEPTH)]
-        carried = float(parts.report[WHEEL_LOAD]) if hitched.depth_wheel.stiffness > 0.0 else nan
-        wheels = parts.wheel_report[:, (LOAD, FORCE_Y)].T.ravel().tolist() if hitched.axle else [nan] * 4
-        return (x, y, yaw, wrap(yaw - ahead), *to_heading(ahead, fx, fy), fz, *soil, carried, *wheels)
-
-    def _yaw(self, body: int) -> float:
-        R = self.data.xmat[body]
-        return float(np.arctan2(R[3], R[0]))
+def memories_of(parts: Attached) -> tuple[Array, ...]:
+    """Return the arrays of the implement that a tick modifies in place, except the arrays of MjData."""
+    return parts.bristles, parts.wheel_report, parts.tyres.relaxation, parts.memory, parts.report, parts.pull

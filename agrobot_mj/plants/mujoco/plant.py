@@ -2,11 +2,13 @@
 
 import sys
 from collections.abc import Sequence
-from math import cos, hypot, nan, radians
+from math import cos, hypot, radians
+from typing import Any
 
 import mujoco
 import numpy as np
 
+from agrobot_mj.core.calls import address_of
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.held import Held
 from agrobot_mj.core.kernels import bound, fetched, held
@@ -17,11 +19,11 @@ from agrobot_mj.machine.hydraulics import reset_valve, valve_law, worn_valve
 from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.plants.base import Clock, RunningPlant, copies, write
 from agrobot_mj.plants.mujoco.build import Mujoco, Payloads, build
-from agrobot_mj.plants.mujoco.c_api import fail
+from agrobot_mj.plants.mujoco.c_api import fail, flags_of
 from agrobot_mj.plants.mujoco.clearance import clearance_of
 from agrobot_mj.plants.mujoco.clutches import Clutches
 from agrobot_mj.plants.mujoco.drawing import poses_of
-from agrobot_mj.plants.mujoco.implement import COLUMNS, Motion, RunningImplement
+from agrobot_mj.plants.mujoco.implement import COLUMNS, memories_of
 from agrobot_mj.plants.mujoco.loads import AHEAD, CENTRE, HUNG, LEFT, PULL, SIDE, no_loads
 from agrobot_mj.plants.mujoco.native_contact import NativeContacts
 from agrobot_mj.plants.mujoco.payload import Chassis
@@ -31,11 +33,16 @@ from agrobot_mj.plants.mujoco.stepping import (
     FAILED,
     Actuators,
     Assembly,
+    PlantCode,
     TractorMotion,
     Tyred,
     look,
+    look_form,
     oil_of,
+    report_form,
+    reported,
     run_steps,
+    steps_form,
 )
 from agrobot_mj.plants.mujoco.views import CHASSIS, views_of
 from agrobot_mj.terrain import Ground
@@ -54,8 +61,6 @@ um/s with the tyre `contact`.
 """
 OFFSET_M, PLACINGS = 0.001, 3
 """Distance from the start above which a settled tractor is placed again [m], and maximum number of placements [-]."""
-NOWHERE = (nan, nan)  # Position of the working point of a tractor without an implement
-ON_TRACTOR = Motion((nan, nan, nan), (nan, nan, nan))  # Stands for the motion of an antenna that is on the tractor
 DIVERGED_SPEED = 100.0  # Speed above which the simulation has diverged [m/s]. Assumed value.
 
 
@@ -79,7 +84,7 @@ class MujocoPlant(RunningPlant):
         self.data = mujoco.MjData(self.model)
         self.views = views_of(self.model, self.data)
         self.tyred = Tyred(native is not None, tyres, ground, np.zeros((4, 3)), np.zeros((4, 6)))
-        self.implement = hitched and RunningImplement(hitched, self.model, self.data, self.attached)
+        self.has_implement = hitched is not None
         self.contacts = None if native is None else NativeContacts(self.model, self.data, ground, tyres, native)
         self.vertical = tyres.stiffness.copy()
         self.clutches = Clutches(self.model, self.data, machine)
@@ -100,11 +105,13 @@ class MujocoPlant(RunningPlant):
         self.tick_s, self.ticks = clock.tick_s, 0
         self.sites = [np.array(self.model.site(name).pos) for name in ("cg", "antenna")]
         self._poses = poses_of(self.data)
+        self._places: tuple[int, int, int] | None = None  # Addresses of the functions of a tick
         self.clearance, self.clear = clearance_of(self.model), False
         self.option, self.flags = self.model.opt, self.model.opt.disableflags
         self.rig = self._rig()
         self._run = bound(run_steps, self.rig, (NEUTRAL_V, NEUTRAL_V), 0, False)
-        self._observe = bound(look, self.rig, self.samples, 0.0, 0.0, ON_TRACTOR, NOWHERE)
+        self._observe = bound(look, self.rig, self.samples, 0.0, 0.0)
+        self._reported = bound(reported, self.rig) if self.has_implement else None
         self._look()
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
@@ -138,8 +145,8 @@ class MujocoPlant(RunningPlant):
         self.tyred.bristles[:], self.tyred.report[:] = 0.0, 0.0
         forget(self.ground.memory)
         self.loads[AHEAD], self.loads[LEFT], self.cylinder[0] = 0.0, 0.0, 0.0
-        if self.implement:
-            self.implement.forget()
+        for array in memories_of(self.attached):
+            array[:] = 0.0
         reset_valve(self.valve_memory)
         reset_drive(self.drive_memory)
         self.clutches.reset()
@@ -203,8 +210,39 @@ class MujocoPlant(RunningPlant):
             done, self.clear = self._run(*arguments, done, False)
         if done == FAILED:
             fail()
-        if self.implement:
-            self.implement.finish_tick()
+
+    def code(self) -> PlantCode | None:
+        """Return the plant for compiled ticks, or None for clutches and contacts, which need Python."""
+        if self.contacts or self.clutches.switched:
+            return None
+        if self._places is None:
+            self._places = (
+                address_of(run_steps, steps_form, self.rig, (NEUTRAL_V, NEUTRAL_V), 0, False),
+                address_of(look, look_form, self.rig, self.samples, 0.0, 0.0),
+                address_of(reported, report_form, self.rig) if self.has_implement else 0,
+            )
+        poses: Any = self._poses
+        wheels: Any = self.tyred.report
+        return PlantCode(
+            *self._places[:2],
+            rig=self.rig,
+            samples=self.samples,
+            flags=flags_of(self.model),
+            plain=self.flags,
+            contactless=self.flags | CONTACTLESS,
+            radius=self.tractor.rear_wheel_radius_m,
+            extent=self.ground.extent,
+            report=self._places[2],
+            reports=self.has_implement,
+            wheels=wheels,
+            positions=poses[0],
+            quaternions=poses[1],
+        )
+
+    def resume(self, truth: Held[Truth], motion: TractorMotion, clear: bool, ticks: int) -> None:
+        """Continue after compiled ticks, which have returned the true state, the motion and the clearance."""
+        self.seen, self.motion, self.clear, self.ticks = truth, motion, clear, ticks
+        self._trouble = self._found_trouble()
 
     def _update_bodies(self) -> None:
         """Compute body poses from the generalised positions, and test whether the chassis is clear of the ground."""
@@ -223,25 +261,25 @@ class MujocoPlant(RunningPlant):
         return held(Assembly(*moved, *self.sites), as_it_is=True)
 
     def _look(self) -> None:
-        t, radius, hung = self.ticks * self.tick_s, self.tractor.rear_wheel_radius_m, self.implement
-        points = ((hung.antenna or ON_TRACTOR), hung.working_place) if hung else (ON_TRACTOR, NOWHERE)
-        found: tuple[Truth, TractorMotion] = self._observe(self.rig, self.samples, t, radius, *points)
+        t, radius = self.ticks * self.tick_s, self.tractor.rear_wheel_radius_m
+        found: tuple[Truth, TractorMotion] = self._observe(self.rig, self.samples, t, radius)
         self.seen, self.motion = found
         self._trouble = self._found_trouble()
 
     def _apply_conditions(self, conditions: Conditions) -> None:
         self.chassis.carry(conditions.payload)
-        self.conditions = conditions
-        valve = worn_valve(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
-        self.actuators = self.actuators._replace(valve=valve)
-        self.rig = self._rig()
+        before, self.conditions = self.conditions, conditions
+        wear = conditions.valve_gain, conditions.valve_dead_band
+        if wear != (before.valve_gain, before.valve_dead_band):
+            self.actuators = self.actuators._replace(valve=worn_valve(self.nominal_valve, *wear))
+            self.rig = self._rig()
         tyres = self.tyred.tyres
         tyres.grip[:] = conditions.grip
         tyres.carcass[:, 0], tyres.carcass[:, 1] = conditions.tyre_stiffness, conditions.tyre_rolling
         tyres.stiffness[:] = self.vertical * tyres.carcass[:, 0]
         self.loads[PULL], self.loads[SIDE] = conditions.drawbar, conditions.side_force
         self.loads[CENTRE:HUNG] = self.model.body_ipos[CHASSIS]
-        if self.implement:
+        if self.has_implement:
             self.attached.tyres.grip[:] = conditions.grip
             hung = self.model.body_subtreemass[self.attached.body]
             self.loads[HUNG] = hung / (self.model.body_subtreemass[CHASSIS] - hung)
@@ -252,7 +290,7 @@ class MujocoPlant(RunningPlant):
     @property
     def _memories(self) -> tuple[AnyArray, ...]:
         tyred, valve, drive = self.tyred, self.valve_memory, self.drive_memory
-        hung = self.implement.arrays if self.implement else ()
+        hung = memories_of(self.attached) if self.has_implement else ()
         own = tyred.bristles, tyred.report, tyred.tyres.relaxation, self.loads, self.samples, self.cylinder
         return *own, *valve, *drive, *hung, *self.clutches.memories
 
@@ -303,11 +341,11 @@ class MujocoPlant(RunningPlant):
     @property
     def columns(self) -> tuple[Column, ...]:
         """Log columns of the implement, or an empty tuple without an implement."""
-        return COLUMNS if self.implement else ()
+        return COLUMNS if self.has_implement else ()
 
     def report(self) -> Sequence[float]:
         """Return the values of `columns`."""
-        return self.implement.report() if self.implement else ()
+        return self._reported(self.rig) if self._reported else ()
 
     def ruts(self) -> RutMap | None:
         """Return the ruts on the field, or None if the ground has no plastic soil."""
@@ -330,12 +368,11 @@ class MujocoPlant(RunningPlant):
             return "diverged"
         if self._fallen:
             return "rolled_over"
-        if self.implement and self.implement.jackknifed:
+        if self.motion.folded:
             return "jackknifed"
         x, y, _ = self.motion.cg.place
         return None if self.ground.covers(x, y) else "left_terrain"
 
     @property
     def _fallen(self) -> bool:
-        lean = self.motion.lean_cosine
-        return min(lean, self.implement.lean_cosine if self.implement else lean) < ROLLOVER_COSINE
+        return self.motion.lean_cosine < ROLLOVER_COSINE

@@ -1,28 +1,41 @@
 """Physics of one tick as a compiled loop over MuJoCo steps: valves, `mj_step1`, loads and tyres, `mj_step2`."""
 
-from math import atan2, cos, hypot, inf, isfinite, isnan, radians, sin
-from typing import NamedTuple
+from math import atan2, cos, hypot, inf, isfinite, isnan, nan, radians, sin
+from types import GenericAlias
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.held import Held
 from agrobot_mj.core.kernels import fetched, held, jit, kernel
-from agrobot_mj.core.signals import Array, Index, Truth
+from agrobot_mj.core.signals import Array, Index, Matrix, Truth
 from agrobot_mj.core.vectors import Vector, cross, plus, to_world
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import DriveLaw, DriveMemory, drive_step
 from agrobot_mj.machine.hydraulics import ValveLaw, ValveMemory, beyond_play, loaded_flow, static_flow, valve_step
-from agrobot_mj.plants.mujoco.c_api import actuate, integrate, kinematics, step1, step1_again, step2
+from agrobot_mj.plants.mujoco.c_api import (
+    actuate,
+    integrate,
+    joint_forces,
+    kinematics,
+    motions,
+    step1,
+    step1_again,
+    step2,
+)
 from agrobot_mj.plants.mujoco.clearance import Clearance, is_clear
 from agrobot_mj.plants.mujoco.coupling import accelerate, is_alone, is_within_stops, set_coupled
-from agrobot_mj.plants.mujoco.implement import Motion
+from agrobot_mj.plants.mujoco.implement import COLUMNS, Motion
 from agrobot_mj.plants.mujoco.loads import PULL, SIDE, apply_loads
-from agrobot_mj.plants.mujoco.tools import Attached, apply_tools
+from agrobot_mj.plants.mujoco.tools import Attached, apply_tools, carry_point, implement_report
 from agrobot_mj.plants.mujoco.views import CHASSIS, Views
 from agrobot_mj.terrain.grid import Ground
 from agrobot_mj.tyres.laws import wheel_step
 from agrobot_mj.tyres.patch import TyreSet, WheelMotion
 
 FAILED = -1  # Number of steps that `run_steps` returns after an error of MuJoCo
+Report: Any = GenericAlias(tuple, (float,) * len(COLUMNS))  # Values of the columns of an implement
 STEERING, DRIVE = 0, 1  # Order of the actuators in `models/tractor.xml`
 
 
@@ -43,7 +56,9 @@ class TractorMotion(NamedTuple):
     actuation: Vector
     """Steering oil flow [m3/s], steering cylinder pressure [Pa] and torque on the driven wheels [N m]."""
     fastest: float  # Maximum velocity component of CG and antenna [m/s], or infinity if the motion is not finite
-    lean_cosine: float  # Cosine of the angle between the upward axis of the chassis and the vertical [-]
+    lean_cosine: float
+    """Cosine of the larger tilt of chassis and implement: angle between their upward axes and the vertical [-]."""
+    folded: bool  # Whether the drawbar of the implement is at its stop
 
 
 class Oil(NamedTuple):
@@ -121,6 +136,40 @@ class Assembly(NamedTuple):
     clearance: Clearance
     cg_site: Array
     antenna_site: Array  # Positions of `cg_site` and antenna in the chassis frame [m], shape (3,)
+
+
+class PlantCode(NamedTuple):
+    """Plant for compiled ticks: addresses of its functions, and arrays that they modify in place."""
+
+    steps: int  # Address of `run_steps`
+    look: int  # Address of `look`
+    rig: Held[Any]
+    samples: Matrix
+    flags: np.ndarray[tuple[int], np.dtype[np.int32]]  # Field `opt.disableflags` of the model, shape (1,)
+    plain: int
+    contactless: int  # Values of `flags` with contacts and without contacts
+    radius: float  # Radius of the rear wheels [m]
+    extent: tuple[float, float, float, float]  # Range of x and y of the ground [m]
+    report: int  # Address of `reported`
+    reports: bool  # Whether there is an implement
+    wheels: Matrix
+    positions: Matrix
+    quaternions: Matrix  # Report of the tyres, and poses of the bodies, as in `Tyred.report` and MjData
+
+
+def steps_form(rig: Held[Any], voltages: tuple[float, float], first: int, clear: bool) -> tuple[int, bool]:
+    """Have the signature of `run_steps` for any plant."""
+    raise NotImplementedError
+
+
+def look_form(rig: Held[Any], samples: Matrix, t: float, radius: float) -> tuple[Held[Truth], TractorMotion]:
+    """Have the signature of `look` for any plant."""
+    raise NotImplementedError
+
+
+def report_form(rig: Held[Any]) -> Report:
+    """Have the signature of `reported` for any plant."""
+    raise NotImplementedError
 
 
 @kernel
@@ -274,7 +323,21 @@ def run_steps(rig: Held[Assembly], voltages: tuple[float, float], first: int, cl
     # the last step has advanced qpos: update the bodies, so that truth and drawing are simultaneous
     if kinematics(v.model, v.data) != 0:
         return FAILED, False
+    if attached.body > 0 and first < samples.shape[1]:
+        if joint_forces(v.model, v.data) != 0:
+            return FAILED, False
+        for k in range(3):
+            attached.pull[k] = v.cfrc_int[attached.body, 3 + k]
+        if motions(v.model, v.data) != 0:
+            return FAILED, False
     return samples.shape[1], is_clear(clearance, v.qpos)
+
+
+@kernel
+def reported(rig: Held[Assembly]) -> Report:
+    """Return the values of `implement.COLUMNS`."""
+    v, _, attached, _, _, _, _, _, _ = fetched(rig)
+    return implement_report(v, attached)
 
 
 @kernel
@@ -288,13 +351,16 @@ def motion_of(v: Views, omega: Vector, site: Array) -> Motion:
 @kernel
 def observe(rig: Held[Assembly]) -> TractorMotion:
     """Return the motion of the tractor after the last step."""
-    v, _, _, _, actuators, _, _, cg_site, antenna_site = fetched(rig)
+    v, _, attached, _, actuators, _, _, cg_site, antenna_site = fetched(rig)
     R, q, w = v.xmat[CHASSIS], v.qpos, v.qvel
     omega = to_world(R, (w[3], w[4], w[5]))
     cg, antenna, yaw = motion_of(v, omega, cg_site), motion_of(v, omega, antenna_site), atan2(R[3], R[0])
     pressure = v.torques[STEERING] / actuators.oil.displacement
     flow = loaded_flow(actuators.valve, static_flow(actuators.valve, actuators.valve_memory.spool[0]), pressure)
-    total, fastest = yaw + omega[2], 0.0
+    total, fastest, lean, folded = yaw + omega[2], 0.0, R[8], False
+    if attached.body > 0:
+        lean = min(lean, v.xmat[attached.body, 8])
+        folded = attached.fold_q >= 0 and abs(q[attached.fold_q]) > attached.fold
     for k in range(3):
         total += cg.place[k] + antenna.place[k] + cg.velocity[k] + antenna.velocity[k]
         fastest = max(fastest, abs(cg.velocity[k]), abs(antenna.velocity[k]))
@@ -312,21 +378,23 @@ def observe(rig: Held[Assembly]) -> TractorMotion:
         spin=0.5 * (w[v.spins_v[0]] + w[v.spins_v[1]]),
         actuation=(flow, pressure, v.torques[DRIVE]),
         fastest=fastest if isfinite(total) else inf,
-        lean_cosine=R[8],
+        lean_cosine=lean,
+        folded=folded,
     )
 
 
 @jit
-def look(
-    rig: Held[Assembly], samples: Array, t: float, radius: float, antenna: Motion, working: tuple[float, float]
-) -> tuple[Held[Truth], TractorMotion]:
-    """Return the true state at time `t` [s], and the tractor motion; `radius` is the radius of the rear wheels [m].
-
-    The motion `antenna` (NaN for an antenna on the tractor) and the point `working` belong to the implement.
-    """
-    m = observe(rig)
+def look(rig: Held[Assembly], samples: Array, t: float, radius: float) -> tuple[Held[Truth], TractorMotion]:
+    """Return the true state at time `t` [s], and the tractor motion; `radius` is the radius of the rear wheels [m]."""
+    m, (v, _, attached, _, _, _, _, _, _) = observe(rig), fetched(rig)
+    seen, working = m.antenna, (nan, nan)
+    if attached.body > 0:
+        place, _ = carry_point(v, attached.body, attached.point)
+        working = place[0], place[1]
+        if not isnan(attached.antenna[0]):
+            above, velocity = carry_point(v, attached.body, attached.antenna)
+            seen = Motion(above, velocity)
     (x, y, z), (rear_x, rear_y, _), (yaw, pitch, roll) = m.cg.place, m.rear.place, m.attitude
-    seen = m.antenna if isnan(antenna.place[0]) else antenna
     steer, pedal, knuckles = samples[0].copy(), samples[1].copy(), samples[2:].copy()
     return held(Truth(
         t, x, y, z, wrap(yaw), pitch, roll, m.speed, m.lateral_speed, m.yaw_rate, m.steer, m.pedal, rear_x, rear_y,

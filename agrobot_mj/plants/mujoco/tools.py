@@ -12,18 +12,19 @@ motion of a tool gains energy. The suction is a downward force proportional to t
 depth.
 """
 
-from math import floor
+from math import atan2, floor, nan
 from typing import NamedTuple
 
+from agrobot_mj.core.geometry import to_heading, wrap
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array, Index
 from agrobot_mj.core.vectors import Vector, cross, minus, plus, to_world
 from agrobot_mj.machine.implements.base import DepthWheel
 from agrobot_mj.machine.implements.draught import ToolLaw, draught, engaged
 from agrobot_mj.plants.mujoco.loads import GIVE
-from agrobot_mj.plants.mujoco.views import Views
+from agrobot_mj.plants.mujoco.views import CHASSIS, Views
 from agrobot_mj.terrain.grid import Ground, height_and_gradient
-from agrobot_mj.tyres.patch import CREEP_SPEED, TyreSet, relax, soft_sign
+from agrobot_mj.tyres.patch import CREEP_SPEED, FORCE_Y, LOAD, TyreSet, relax, soft_sign
 
 AHEAD, LEFT, TRAVELLED, RESISTED, ENGAGED = range(MEMORIES := 5)
 """Indices of a tool's state: soil deflections ahead and to the left [m] and working distance [m]; draught [N] and depth
@@ -49,6 +50,12 @@ class Attached(NamedTuple):
     wheel_report: Array  # Report of the implement's tyres, shape (2, 6); see `tyres.patch`
     memory: Array  # State of the tool, shape (5,): see `AHEAD`
     report: Array  # Report of the implement, shape (4,): see `DRAUGHT`
+    pull: Array  # Force of the tractor on the implement in the last tick, in world axes, shape (3,) [N]
+    point: Vector  # Working point in the frame of the body [m]
+    antenna: Vector  # GNSS antenna in the frame of the body [m], or NaN for an antenna on the tractor
+    has_tool: bool  # Whether the implement has a tool
+    fold_q: int  # Index of the yaw angle of the drawbar in qpos, or -1 without a drawbar
+    fold: float  # Yaw angle of the drawbar above which the tractor has jackknifed [rad]
 
 
 @kernel
@@ -99,6 +106,27 @@ def carry_point(v: Views, body: int, at: Vector) -> tuple[Vector, Vector]:
     # cvel is the velocity of the body at the tractor's centre of mass: transfer it to the point
     swing = cross((m[0], m[1], m[2]), minus(place, (c[0], c[1], c[2])))
     return place, plus((m[3], m[4], m[5]), swing)
+
+
+@kernel
+def implement_report(v: Views, a: Attached) -> tuple[float, ...]:
+    """Return the values of the log columns of an implement, in the order of `implement.COLUMNS`."""
+    R, T = v.xmat[a.body], v.xmat[CHASSIS]
+    yaw, ahead = atan2(R[3], R[0]), atan2(T[3], T[0])
+    (x, y, _), _ = carry_point(v, a.body, a.point)
+    forward, left = to_heading(ahead, a.pull[0], a.pull[1])
+    draught_force = side = depth = carried = left_load = right_load = left_fy = right_fy = nan
+    if a.has_tool:
+        draught_force, side, depth = a.report[DRAUGHT], a.report[SIDE], a.report[DEPTH]
+    if a.depth_wheel.stiffness > 0.0:
+        carried = a.report[WHEEL_LOAD]
+    if a.wheels.size > 0:
+        w = a.wheel_report
+        left_load, right_load, left_fy, right_fy = w[0, LOAD], w[1, LOAD], w[0, FORCE_Y], w[1, FORCE_Y]
+    return (
+        x, y, yaw, wrap(yaw - ahead), forward, left, a.pull[2], draught_force, side, depth, carried, left_load,
+        right_load, left_fy, right_fy,
+    )  # fmt: skip
 
 
 @kernel

@@ -65,6 +65,7 @@ class Views(NamedTuple):
     implement_com: Array
     """Centre of mass of the implement with its wheels, or of the tractor without an implement, shape (3,)."""
     xfrc: Array
+    cfrc_int: Array  # Wrench on each body from its parent, shape (nbody, 6)
     wheels: Index  # Body ids of the wheels, shape (4,)
     steer_q: int  # Index of the virtual steering angle in qpos
     spins_q: Index  # Indices of the driven rear wheels' angles in qpos, shape (2,)
@@ -95,6 +96,7 @@ def views_of(model: mujoco.MjModel, data: mujoco.MjData) -> Views:
         root_com=data.subtree_com[CHASSIS],
         implement_com=data.subtree_com[hung],
         xfrc=data.xfrc_applied,
+        cfrc_int=data.cfrc_int,
         wheels=np.array([model.body(f"wheel_{w}").id for w in WHEELS], dtype=np.int64),
         steer_q=int(model.joint("steer").qposadr[0]),
         spins_q=np.array([model.joint(f"spin_{w}").qposadr[0] for w in ("rl", "rr")], dtype=np.int64),

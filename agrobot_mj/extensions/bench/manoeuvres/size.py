@@ -58,7 +58,7 @@ def crab(m: Trial, machine: Machine) -> tuple[float, float]:
     share = machine.tractor.front_load_fraction
     front, rear = share * TYRE.front.lateral.stiffness_per_load, (1 - share) * TYRE.rear.lateral.stiffness_per_load
     weighted = heading + front / (front + rear) * trace.mean("steer", 3.0)
-    if plant.implement:
+    if plant.has_implement:
         names = [column.name for column in plant.columns]
         folded = float(plant.report()[names.index("hitch_angle")])
     return degrees(weighted), degrees(folded)
