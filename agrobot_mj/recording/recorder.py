@@ -1,7 +1,13 @@
-"""Recording of a run in blocks during the run. The file remains readable if the process is killed."""
+"""Recording of a run in blocks during the run. The file remains readable if the process is killed.
+
+The blocks are sent in a separate thread, because the compiled part of a run does not need Python's global lock.
+"""
 
 import errno
 import uuid
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from copy import copy
 from pathlib import Path
 
 import numpy as np
@@ -34,10 +40,16 @@ class Recording:
 
     def __init__(self, path: Path | None, live: bool = False) -> None:
         self.path, self.live = path, live
+        self._thread, self._sending = ThreadPoolExecutor(1, "recording"), Future[None]()
+        self._sending.set_result(None)
 
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
         """Open the file and send the static content. Raise OSError if the file cannot be written."""
-        self.scenario, self.rows, ground = scenario, rows, scenario.terrain.ground()
+        self.scenario, self._filled, self.rows = scenario, rows, copy(rows)  # the copy is constant while it is sent
+        self._thread.submit(self._start, scenario, scene, self.rows).result()
+
+    def _start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
+        ground = scenario.terrain.ground()
         if self.path is not None and self.path.name == RECORDING:
             clear(self.path.parent)  # older results would not match the new recording
         self.stream = rr.RecordingStream(APPLICATION, recording_id=f"{scenario.name}-{scenario.hash8}-{uuid.uuid4()}")
@@ -60,9 +72,17 @@ class Recording:
             raise OSError(errno.ENOSPC, "there is no space for a recording", str(self.path))
 
     def advance(self, first: int) -> None:
-        """Send the log rows from `first` to `rows.filled`, and wait until they are written."""
-        if self.rows.filled == first or not self.recording:
-            return
+        """Send the log rows from `first` to `rows.filled` after the previous rows have been written."""
+        self.wait()
+        if self.rows.filled > first and self.recording:
+            self._sending = self._thread.submit(self._send_rows, first)
+
+    def wait(self) -> None:
+        """Wait until the previous rows have been written, and raise errors of their writing."""
+        self._sending.result()
+        self.rows.filled = self._filled.filled
+
+    def _send_rows(self, first: int) -> None:
         times = nanoseconds(self.rows.column("t", first))
         for part in (self.motion, self.signals, self.firing, self.states):
             part.send(self.stream, times, first)
@@ -72,8 +92,12 @@ class Recording:
 
     def finish(self, log: Log) -> None:
         """Write the outcome and metrics, and close the recording."""
-        if not self.recording:
-            return
+        self.wait()
+        if self.recording:
+            self._thread.submit(self._finish, log).result()
+        self._thread.shutdown()
+
+    def _finish(self, log: Log) -> None:
         numbers = {name: value for name, value in log.metrics.items() if isinstance(value, int | float | str)}
         self.stream.send_property("metrics", rr.AnyValues(drop_untyped_nones=True, **numbers))
         tell(self.stream, summary(log))
@@ -85,6 +109,9 @@ class Recording:
 
     def fail(self, error: BaseException) -> None:
         """Write the exception that ended the run, and close the recording."""
+        with suppress(Exception):  # `error` may be an error of a previous block
+            self.wait()
+        self._thread.shutdown()
         if not self.recording:
             return
         tell(self.stream, broken(self.scenario, error, self.rows.filled * TICK_S))

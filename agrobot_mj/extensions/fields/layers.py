@@ -34,6 +34,7 @@ class WorkRecording(Recording):
 
     def finish(self, log: Log) -> None:
         """Write the outlines of gaps and overlaps, then finish the recording."""
+        self.wait()
         found = self.covered(log)
         self._send("missed", found.missed, rgba(VERMILION))
         self._send("overlapped", found.overlapped, rgba(ORANGE))
