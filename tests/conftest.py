@@ -16,6 +16,7 @@ from processes import omit_figures
 
 from agrobot_mj import __version__, cli
 from agrobot_mj.core import identity
+from agrobot_mj.simulation import stepping
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 """Numpy reads the variable when it is imported. With tests on every core, BLAS threads for small matrices would only
@@ -77,6 +78,12 @@ def call(monkeypatch, capsys, tmp_path):
         return leaving.value.code or 0, output.out, output.err
 
     return command
+
+
+@pytest.fixture
+def single_ticks(monkeypatch):
+    """Perform each tick of a run separately, instead of episodes of compiled ticks."""
+    monkeypatch.setattr(stepping, "SHORTEST", inf)
 
 
 @pytest.fixture

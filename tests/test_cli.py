@@ -258,6 +258,7 @@ def test_unexpected_outcome_gives_exit_status_1_and_keeps_the_files(call, outcom
     assert 1 <= pq.read_table("out/signals.parquet").num_rows < 400
 
 
+@pytest.mark.usefixtures("single_ticks")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_signal_to_the_process_aborts_the_run_and_its_files_are_kept(call, monkeypatch, number):
     def not_handled(*_):

@@ -8,11 +8,12 @@ explicitly: `init() -> State` and `update(state, ...) -> (State, output)`. `colu
 """
 
 from collections.abc import Mapping, Sequence
-from math import atan, nan
+from math import atan, nan, radians
 from typing import Any, ClassVar, NamedTuple, Protocol
 
+from agrobot_mj.core.calls import Linked
 from agrobot_mj.core.held import Held
-from agrobot_mj.core.kernels import fetched
+from agrobot_mj.core.kernels import fetched, shared
 from agrobot_mj.core.learned import Learned
 from agrobot_mj.core.reporting import Reporting
 from agrobot_mj.core.signals import Column, Command, Estimate, PathPoint, Reference, Vector
@@ -122,6 +123,18 @@ class GuidanceLaw(Learner):
         """Return the new state of the law and the command for a tick of `dt` [s]."""
         raise NotImplementedError
 
+    def linked(self, state: Any, machine: TractorParameters) -> Linked | None:
+        """Return the law for compiled ticks, or None if a tick needs Python. Default: None."""
+        return None
+
+    def resumed(self, state: Any, found: Held[Any], followed: Any, shown: Vector) -> Any:
+        """Return the state after compiled ticks.
+
+        `found` is their last state, `followed` the last command with the path errors, and `shown` are the values of the
+        columns.
+        """
+        return found
+
     def feedback(self, state: Any, command: Command) -> float:
         """Return the feedback part of the last steering command [rad], without feed-forward."""
         return command.steer
@@ -162,6 +175,36 @@ class YawCommand(NamedTuple):
     """Weight of the lower firing strengths in the output of a type-2 fuzzy network [-], or NaN without a network."""
 
 
+WHEEL_LAG = radians(5.0)
+"""Steering-angle lag (command minus measurement) above which the integral of the yaw controller is frozen [rad].
+Assumed value.
+"""
+
+
+@shared
+def excess_of(command: YawCommand, ahead: float, steer: float, measured: float) -> float:
+    """Return the steering angle for anti-windup [rad], as in `YawController.relieve`; 0 means that none is needed.
+
+    `ahead` is the feed-forward angle, `steer` the limited total command, and `measured` the measured angle [rad].
+    """
+    beyond, lag = command.tau_c - command.tau_n + ahead - steer, steer - measured
+    if beyond != 0.0:
+        return beyond
+    return lag if abs(lag) > WHEEL_LAG else 0.0
+
+
+def controller_form(
+    law: Held[Any], state: Held[Any], e: float, ahead: float, steer: float, dt: float, limit: float
+) -> tuple[Held[Any], YawCommand, Vector]:
+    """Have the signature of a compiled yaw controller, with anti-windup.
+
+    The arguments are parameters, state, yaw-rate error [rad/s], feed-forward angle and measured steering angle [rad],
+    length of the tick [s] and maximum steering angle [rad]. The results are the new state, the command, and the values
+    of the log columns.
+    """
+    raise NotImplementedError
+
+
 class YawController(Reporting):
     """Base class of yaw controllers (`[controller] kind`), which map the yaw-rate error to a steering angle."""
 
@@ -183,6 +226,14 @@ class YawController(Reporting):
         `yaw_rate_error` [rad/s] is the controller input; `steer_limit` [rad] is the maximum absolute steering angle.
         """
         raise NotImplementedError
+
+    def linked(self, state: Any) -> Linked | None:
+        """Return the controller for compiled ticks, or None if a tick needs Python. Default: None."""
+        return None
+
+    def resumed(self, state: Any, found: Held[Any], shown: Vector) -> Any:
+        """Return the state after compiled ticks from their last state `found` and the values `shown` of the columns."""
+        return found
 
     def relieve(self, state: Any, excess: float) -> Any:
         """Return the state after anti-windup. Controllers without an integral return `state` unchanged.

@@ -5,26 +5,23 @@ a steering angle, to which the feed-forward angle of the outer law (`feedforward
 """
 
 from collections.abc import Sequence
-from math import isfinite, nan, radians
+from math import isfinite, nan
 from typing import Any, NamedTuple
 
-from agrobot_mj.control.base import YAW_COLUMNS, GuidanceLaw, Situation, YawCommand, YawController
+from agrobot_mj.control.base import YAW_COLUMNS, GuidanceLaw, Situation, YawCommand, YawController, excess_of
 from agrobot_mj.control.pid import clip
 from agrobot_mj.control.speed_network import SpeedNetworkState
+from agrobot_mj.core.calls import Linked
 from agrobot_mj.core.errors import NotFiniteError
+from agrobot_mj.core.held import Held
 from agrobot_mj.core.signals import Column, Command
+from agrobot_mj.machine.tractor import TractorParameters
 
 SPEED_COLUMNS = (
     Column("speed_tau_c", "m/s", "output of the proportional speed controller"),
     Column("speed_tau_n", "m/s", "output of the speed network; tau_c - tau_n is added to the speed command"),
 )
 """Log columns of the speed network, present if `speed_network` is configured."""
-
-
-WHEEL_LAG = radians(5.0)
-"""Steering-angle lag (command minus measurement) above which the integral of the yaw controller is frozen [rad].
-Assumed value.
-"""
 
 
 class CascadeState(NamedTuple):
@@ -71,13 +68,24 @@ class Cascade(GuidanceLaw):
             )
         ahead = self.law.feedforward(situation)
         steer = clip(command.steer + ahead, -limit, limit)
-        excess = command.tau_c - command.tau_n + ahead - steer or _large_lag(steer - situation.steer)
-        if excess:
+        if excess := excess_of(command, ahead, steer, situation.steer):
             controller = self.controller.relieve(controller, excess)
         speed, network = state.speed, self.law.speed_network
         if network:
             speed, speed_ref = network.update(speed, speed_ref, situation.estimate.speed, dt)
         return CascadeState(controller, yaw_rate_ref, e_yaw_rate, command, ahead, speed), Command(steer, speed_ref)
+
+    def linked(self, state: CascadeState, machine: TractorParameters) -> Linked | None:
+        """Return the law for compiled ticks, or None if a part of the cascade is interpreted."""
+        from agrobot_mj.control import cascade_tick  # imports this module
+
+        return cascade_tick.linked(self, state, machine)
+
+    def resumed(self, state: CascadeState, found: Held[Any], followed: Any, shown: Any) -> CascadeState:
+        """Return the state after compiled ticks from their last state `found`."""
+        from agrobot_mj.control import cascade_tick
+
+        return cascade_tick.resumed(self, state, found)
 
     def feedback(self, state: CascadeState, command: Command) -> float:
         """Return the steering angle of the yaw controller [rad] in the last tick, without feed-forward."""
@@ -100,7 +108,3 @@ class Cascade(GuidanceLaw):
         own = (state.yaw_rate_ref, state.e_yaw_rate, c.tau_c, c.tau_n, c.q)
         speed = (state.speed.tau_c, state.speed.tau_n) if self.law.speed_network else ()
         return (*own, *self.law.report(state), *self.controller.report(state.controller), *speed)
-
-
-def _large_lag(lag: float) -> float:
-    return lag if abs(lag) > WHEEL_LAG else 0.0

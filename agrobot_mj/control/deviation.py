@@ -1,7 +1,7 @@
 """Compiled kernels for the deviation of the tractor from its path and for the command limits; see `following`."""
 
-from math import asin, atan, cos, inf, isnan, log, pi, radians, sin, sqrt, tan, tanh
-from typing import NamedTuple
+from math import asin, atan, cos, inf, isnan, log, nan, pi, radians, sin, sqrt, tan, tanh
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,6 +28,19 @@ LOOKBACK = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))
 """Look-back distances for the mean curvature, divided by slip length [-]: quantiles of an exponential distribution."""
 
 
+def law_form(
+    law: Held[Any], state: Held[Any], last: tuple[float, float], samples: Matrix, seen: "Situated", r: Reference,
+    dt: float,
+) -> "tuple[Held[Any], Followed, float, Vector]":  # fmt: skip
+    """Have the signature of a compiled guidance law.
+
+    `last` contains the last direction of travel and the last speed command [m/s]. The results are the new state, the
+    command with the path errors, the arc length [m] up to which the path must be sampled, and the values of the
+    columns.
+    """
+    raise NotImplementedError
+
+
 class Followed(NamedTuple):
     """Command and path errors of a law in one tick, stored in `FollowingState`."""
 
@@ -49,6 +62,7 @@ class Situated(NamedTuple):
     low: float
     high: float  # Arc lengths of the start and end of the current leg [m]
     near: float  # Arc length around which the nearest point is searched [m]
+    preview: float = nan  # Curvature of the reference after the preview time of the cascade `feedforward` [1/m]
 
 
 class PathDeviation(NamedTuple):
@@ -200,6 +214,12 @@ def followed(
         speed = min(max(speed, -highest), highest)
     d = deviation
     return Followed(d.place.s, command, d.direction, d.cross_track, d.heading, d.steer_ahead, d.bias, speed)
+
+
+@jit
+def reported(found: Followed, integral: float) -> Vector:
+    """Return the values of the columns of `Integrating` for the result of a tick and the integral term [rad]."""
+    return np.array((found.s, found.cross_track, found.heading, found.steer_ahead, integral))
 
 
 @jit

@@ -16,7 +16,7 @@ rotation of the heading per distance along the heading, so that delta and kappa 
 
 from collections.abc import Sequence
 from math import nan
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple, cast
 
 from pydantic import Field
 
@@ -24,6 +24,7 @@ from agrobot_mj.control.base import GuidanceLaw, Situation
 from agrobot_mj.control.deviation import (
     MAX_HEADING_CHANGE,
     CommandLimits,
+    Followed,
     PathDeviation,
     Situated,
     deviated,
@@ -31,9 +32,11 @@ from agrobot_mj.control.deviation import (
     followed,
     lookback,
 )
+from agrobot_mj.core.calls import Linked
 from agrobot_mj.core.contracts import is_compiled
+from agrobot_mj.core.held import Held
 from agrobot_mj.core.kernels import fetched, held, stage
-from agrobot_mj.core.signals import Column, Command
+from agrobot_mj.core.signals import Column, Command, Vector
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 
@@ -97,15 +100,26 @@ class Following(GuidanceLaw):
         seen = Situated(held(situation.estimate), situation.steer, low, high, near)
         last, r = (state.direction, nan if state.speed is None else state.speed), situation.reference
         while type(law) is not FollowingLaw and hasattr(route, "around"):
-            after, found, most = self.compiled(law, memory, last, route.around(max(near, low)), seen, r, dt)
+            samples = route.around(max(near, low))
+            after, found, most, reported = self.compiled(law, held(memory), last, samples, seen, r, dt)
             if not route.grows(most):  # the curvatures ahead required no further samples
                 break
         else:
-            limits, situation = fetched(law).limits, situation.fetched()
+            limits, situation, memory, reported = fetched(law).limits, situation.fetched(), fetched(memory), None
             deviation = self._deviation(limits, last[0], situation, seen)
             after, wanted = self.steering(memory, deviation, situation, dt)
             found = _followed(limits, deviation, r, seen, wanted, last[1], dt)
-        return FollowingState(after, *found, law), Command(found.steer, found.speed)  # type: ignore[call-arg]
+        return FollowingState(after, *found, law, reported), Command(found.steer, found.speed)  # type: ignore[call-arg]
+
+    def linked(self, state: "FollowingState", machine: TractorParameters) -> Linked | None:
+        """Return the law for compiled ticks, or None for an interpreted law and before its first tick."""
+        if state.reported is None or not is_compiled(self, "update", "report", "columns"):
+            return None
+        return Linked(self.compiled, state.law, state.memory, cast(Any, Followed)(*state[1:9]))
+
+    def resumed(self, state: "FollowingState", found: Held[Any], followed: Followed, shown: Vector) -> "FollowingState":
+        """Return the state after compiled ticks; see `GuidanceLaw.resumed`."""
+        return FollowingState(found, *followed, state.law, shown)
 
     def feedback(self, state: "FollowingState", command: Command) -> float:
         """Return the steering command [rad] without feed-forward and steering-bias compensation."""
@@ -169,13 +183,15 @@ class Integrating(Following):
 
     def report(self, state: "FollowingState") -> Sequence[float]:
         """Return the values of the log columns for a state of the law."""
+        if state.reported is not None:
+            return state.reported.tolist()
         return (*super().report(state), state.memory.integral)
 
 
 class FollowingState(NamedTuple):
     """State of a `Following` law between two ticks."""
 
-    memory: Any  # State of the steering law
+    memory: Any  # State of the steering law, as a reference if the law is compiled
     s: float | None = None  # Arc length of the nearest path point [m], or None before the first tick
     steer: float | None = None  # Last steering command [rad], or None before the first tick
     direction: float = 0.0  # Last direction of travel: 1 forward, -1 reverse, 0 unknown
@@ -185,3 +201,4 @@ class FollowingState(NamedTuple):
     bias: float = 0.0  # Last steering-bias compensation [rad]
     speed: float | None = None  # Last speed command [m/s], or None before the first tick
     law: Any = None  # Parameters of the law, or None before the first tick
+    reported: Vector | None = None  # Values of the log columns, or None if the law is not compiled

@@ -11,7 +11,7 @@ Limitations: The law cannot follow a path in reverse, where the point would have
 of its reference turns while it waits. Without an integral term in the yaw controller, arcs and slopes cause an offset.
 """
 
-from math import atan2, cos, hypot, sin, sqrt, tanh
+from math import atan2, cos, isnan, nan, sin, sqrt, tanh
 from typing import ClassVar, Literal
 
 from agrobot_mj.control.base import SLOWEST_M_S, GuidanceLaw, Situation, YawController
@@ -20,14 +20,77 @@ from agrobot_mj.control.deviation import TURNING_S
 from agrobot_mj.control.pid import clip
 from agrobot_mj.control.speed_network import SpeedNetwork
 from agrobot_mj.core.geometry import from_heading, to_heading
+from agrobot_mj.core.kernels import shared
 from agrobot_mj.core.signals import Estimate, Reference
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import COMPACT
 
 MIN_CLOSING_S = 0.3
 """Minimum time constant for correcting a heading error [s]. Assumed value: the sum of delay and lag of the steering."""
+COMPACT_WHEELBASE = COMPACT.wheelbase_m  # Wheelbase of the tractor for which the gains are given [m]
 REVERSING_M_S = 0.1
 """Reverse speed [m/s] above which the sign of the yaw controller's gains is reversed. Assumed value."""
+
+
+@shared
+def approach(saturation: float, gain: float, estimate: Estimate, r: Reference) -> tuple[float, float]:
+    """Return the desired velocity of the CG [m/s], east and north.
+
+    `saturation` [m/s] is k_s and `gain` [1/m] is k_e.
+    """
+    return r.vx + saturation * tanh(gain * (r.x - estimate.x)), r.vy + saturation * tanh(gain * (r.y - estimate.y))
+
+
+@shared
+def inverted(vx: float, vy: float, psi: float, l_r: float) -> tuple[float, float]:
+    """Return the speed [m/s] and the yaw rate [rad/s] for a velocity of the CG [m/s] at the heading `psi` [rad]."""
+    u_ref = cos(psi) * vx + sin(psi) * vy
+    gamma_ref = (-sin(psi) * vx + cos(psi) * vy) / l_r  # [agrobots: inversekinematicmodeltractor2]
+    return u_ref, gamma_ref
+
+
+@shared
+def scaled_saturation(saturation: float, above: float, r: Reference) -> float:
+    """Return the saturation k_s [m/s], proportional to sqrt(speed) above the speed `above` [m/s], constant for NaN."""
+    speed = sqrt(r.vx * r.vx + r.vy * r.vy)
+    return saturation if isnan(above) else saturation * sqrt(max(speed / above, 1.0))
+
+
+@shared
+def onward(vx: float, vy: float, r: Reference) -> tuple[float, float]:
+    """Remove the backward component along the path from a velocity [m/s], so that the tractor waits instead of
+    reversing."""
+    at_rest = r.vx == 0.0 and r.vy == 0.0
+    course = r.yaw if at_rest else atan2(r.vy, r.vx)
+    ahead, aside = to_heading(course, vx, vy)
+    return from_heading(course, max(ahead, 0.0), aside)
+
+
+@shared
+def feasible(yaw_rate: float, r: Reference, u: float, machine: tuple[float, float, float]) -> float:
+    """Limit a yaw-rate reference [rad/s] to a turn that the steering can follow and end in time.
+
+    A tractor slower than its reference turns at a proportionally lower rate. At the speed u, a heading error e adds a
+    yaw rate u e / l_r. The error then decays with the time constant l_r / u, limited to at least `MIN_CLOSING_S`. If
+    the wheels return at the rate r, a turn ends in time for yaw rates up to sqrt(2 u r e / L), with the wheelbase L.
+    `machine` contains the maximum steering angle [rad], l_r and L [m].
+    """
+    steer_limit, l_r, wheelbase = machine
+    turn = r.curvature * u
+    speed = sqrt(r.vx * r.vx + r.vy * r.vy)
+    correction = yaw_rate * min(abs(u) / max(speed, SLOWEST_M_S), 1.0) - turn
+    most = sqrt(2.0 * steer_limit / TURNING_S * l_r / wheelbase * abs(correction))
+    correction *= min(l_r / max(abs(u) * MIN_CLOSING_S, SLOWEST_M_S), 1.0)
+    return turn + clip(correction, -most, most)
+
+
+@shared
+def gain_scale(wheelbase: float, above: float, u: float) -> float:
+    """Return the factor on the yaw-rate error [-], negative in reverse; see `CascadeLaw.gain_scale`."""
+    scale = wheelbase / COMPACT_WHEELBASE
+    if not isnan(above):
+        scale *= above / max(abs(u), above)
+    return -scale if u < -REVERSING_M_S else scale
 
 
 class CascadeLaw(GuidanceLaw):
@@ -53,14 +116,10 @@ class CascadeLaw(GuidanceLaw):
 
     def references(self, estimate: Estimate, reference: Reference, cg_to_rear_axle: float) -> tuple[float, float]:
         """Return the speed [m/s] and yaw-rate [rad/s] references; `cg_to_rear_axle` is the distance l_r [m]."""
-        k_s, k_e, l_r, psi = self.saturation(reference), self.gain_per_m, cg_to_rear_axle, estimate.yaw
-        vx = reference.vx + k_s * tanh(k_e * (reference.x - estimate.x))
-        vy = reference.vy + k_s * tanh(k_e * (reference.y - estimate.y))
+        vx, vy = approach(self.saturation(reference), self.gain_per_m, estimate, reference)
         if self.ends_turns:
-            vx, vy = _onward(vx, vy, reference)
-        u_ref = cos(psi) * vx + sin(psi) * vy
-        gamma_ref = (-sin(psi) * vx + cos(psi) * vy) / l_r  # [agrobots: inversekinematicmodeltractor2]
-        return u_ref, gamma_ref
+            vx, vy = onward(vx, vy, reference)
+        return inverted(vx, vy, estimate.yaw, cg_to_rear_axle)
 
     def saturation(self, reference: Reference) -> float:
         """Return the maximum correction velocity k_s [m/s] for the speed of the reference."""
@@ -76,7 +135,10 @@ class CascadeLaw(GuidanceLaw):
         """Return the speed [m/s] and yaw-rate [rad/s] references of the current tick."""
         m = situation.machine
         speed, yaw_rate = self.references(situation.estimate, situation.reference, m.cg_to_rear_axle)
-        return speed, _feasible(yaw_rate, situation) if self.ends_turns else yaw_rate
+        if self.ends_turns:
+            size = m.steer_limit, m.cg_to_rear_axle, m.wheelbase_m
+            yaw_rate = feasible(yaw_rate, situation.reference, situation.estimate.speed, size)
+        return speed, yaw_rate
 
     def gain_scale(self, situation: Situation) -> float:
         """Return the factor on the yaw-rate error [-], negative in reverse.
@@ -84,10 +146,7 @@ class CascadeLaw(GuidanceLaw):
         The factor is proportional to the wheelbase and, above `scheduled_above_m_s`, to the inverse of the speed.
         """
         above, u = self.scheduled_above_m_s, situation.estimate.speed
-        scale = situation.machine.wheelbase_m / COMPACT.wheelbase_m
-        if above is not None:
-            scale *= above / max(abs(u), above)
-        return -scale if u < -REVERSING_M_S else scale
+        return gain_scale(situation.machine.wheelbase_m, nan if above is None else above, u)
 
     def feedforward(self, situation: Situation) -> float:
         """Return the feed-forward steering angle [rad], which is 0 for the paper's law."""
@@ -109,28 +168,4 @@ class Kinematic(CascadeLaw):
         Curvature steps cause larger errors at higher speed, but a linear increase of k_s would cause overshoot.
         """
         above = self.scheduled_above_m_s
-        return self.saturation_m_s * (sqrt(max(hypot(reference.vx, reference.vy) / above, 1.0)) if above else 1.0)
-
-
-def _onward(vx: float, vy: float, reference: Reference) -> tuple[float, float]:
-    """Remove the backward component along the path from a velocity [m/s], so that the tractor waits instead of
-    reversing."""
-    at_rest = not (reference.vx or reference.vy)
-    course = reference.yaw if at_rest else atan2(reference.vy, reference.vx)
-    onward, aside = to_heading(course, vx, vy)
-    return from_heading(course, max(onward, 0.0), aside)
-
-
-def _feasible(yaw_rate: float, situation: Situation) -> float:
-    """Limit a yaw-rate reference [rad/s] to a turn that the steering can follow and end in time.
-
-    A tractor slower than its reference turns at a proportionally lower rate. At the speed u, a heading error e adds a
-    yaw rate u e / l_r. The error then decays with the time constant l_r / u, limited to at least `MIN_CLOSING_S`. If
-    the wheels return at the rate r, a turn ends in time for yaw rates up to sqrt(2 u r e / L), with the wheelbase L.
-    """
-    m, r, u = situation.machine, situation.reference, situation.estimate.speed
-    turn = r.curvature * u
-    correction = yaw_rate * min(abs(u) / max(hypot(r.vx, r.vy), SLOWEST_M_S), 1.0) - turn
-    most = sqrt(2.0 * m.steer_limit / TURNING_S * m.cg_to_rear_axle / m.wheelbase_m * abs(correction))
-    correction *= min(m.cg_to_rear_axle / max(abs(u) * MIN_CLOSING_S, SLOWEST_M_S), 1.0)
-    return turn + clip(correction, -most, most)
+        return scaled_saturation(self.saturation_m_s, nan if above is None else above, reference)

@@ -29,10 +29,19 @@ import numpy as np
 from pydantic import Field
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.deviation import STEEP, CommandLimits, Followed, PathDeviation, Situated, deviated_on, followed
+from agrobot_mj.control.deviation import (
+    STEEP,
+    CommandLimits,
+    Followed,
+    PathDeviation,
+    Situated,
+    deviated_on,
+    followed,
+    reported,
+)
 from agrobot_mj.control.following import Integrating
 from agrobot_mj.core.held import Held
-from agrobot_mj.core.kernels import copy_into, fetched, jit, shared, stage
+from agrobot_mj.core.kernels import copy_into, fetched, held, jit, shared, stage
 from agrobot_mj.core.signals import TICK_S, Array, Matrix, Reference, Vector
 from agrobot_mj.core.spec import Latency, Positive
 from agrobot_mj.machine.tractor import TractorParameters
@@ -128,22 +137,23 @@ def _scheduled(table: Matrix, speed: float) -> Vector:
 @stage
 def _tick(
     p: Held[LqrLaw],
-    memory: LqrState,
+    memory: Held[LqrState],
     last: tuple[float, float],
     samples: Matrix,
     seen: Situated,
     r: Reference,
     dt: float,
-) -> tuple[LqrState, Followed, float]:
-    """Return the new state, the command and path errors, and the arc length [m] up to which the path must be sampled.
+) -> tuple[Held[LqrState], Followed, float, Vector]:
+    """Return new state, command with path errors, arc length [m] up to which the path must be sampled, and log values.
 
     `last` contains the last direction of travel and the last speed command [m/s].
     """
     p, e = fetched(p), fetched(seen.estimate)
     deviation, most = deviated_on(p.limits, last[0], samples, seen, r, rolling(p.slip, e.speed))
     limits = p.approach, p.integral
-    memory, wanted = steering(limits, memory, deviation, e.speed, e.aligned, seen.steer, dt)
-    return memory, followed(p.limits, deviation, r, seen, wanted, last[1], dt), most
+    after, wanted = steering(limits, fetched(memory), deviation, e.speed, e.aligned, seen.steer, dt)
+    found = followed(p.limits, deviation, r, seen, wanted, last[1], dt)
+    return held(after), found, most, reported(found, after.integral)
 
 
 _steering = stage(steering)

@@ -5,11 +5,42 @@ the maximum steering angle. Source: the paper, section III-B. The default k_D = 
 Theorem 2 divides by k_D and therefore does not apply to the P controller.
 """
 
-from typing import ClassVar, Literal
+from math import nan
+from typing import ClassVar, Literal, NamedTuple
+
+import numpy as np
 
 from agrobot_mj.control.base import YawCommand, YawController
-from agrobot_mj.control.pid import FilteredRate, clip
+from agrobot_mj.control.pid import FilteredRate, clip, slope_after
+from agrobot_mj.core.calls import Linked
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import fetched, held, shared, stage
+from agrobot_mj.core.signals import Vector
 from agrobot_mj.core.spec import NonNegative
+
+
+class PdGains(NamedTuple):
+    """Gains of a `Conventional` controller, as numbers for compiled kernels."""
+
+    kp: float
+    kd: float
+    filter_s: float  # Time constant of the derivative filter [s]
+
+
+@shared
+def conventional(p: PdGains, slope: FilteredRate, e: float, dt: float) -> tuple[FilteredRate, float]:
+    """Return the filtered derivative of the yaw-rate error `e` [rad/s], and the controller output tau_c [rad]."""
+    slope = slope_after(slope, e, dt, p.filter_s)
+    return slope, p.kp * e + p.kd * slope.rate
+
+
+@stage
+def _tick(
+    law: Held[PdGains], state: Held[FilteredRate], e: float, ahead: float, steer: float, dt: float, limit: float
+) -> tuple[Held[FilteredRate], YawCommand, Vector]:
+    """Return the new state, the command, and the values of no columns; see `controller_form`."""
+    slope, tau_c = conventional(fetched(law), fetched(state), e, dt)
+    return held(slope), YawCommand(clip(tau_c, -limit, limit), tau_c, 0.0, nan), np.empty(0)
 
 
 class Conventional(YawController):
@@ -26,8 +57,12 @@ class Conventional(YawController):
 
     def conventional(self, slope: FilteredRate, e: float, dt: float) -> tuple[FilteredRate, float]:
         """Return the filtered derivative of the yaw-rate error `e` [rad/s], and the controller output tau_c [rad]."""
-        slope = slope.after(e, dt, self.derivative_filter_s)
-        return slope, self.kp * e + self.kd * slope.rate
+        return conventional(self.gains, slope, e, dt)
+
+    @property
+    def gains(self) -> PdGains:
+        """Gains as numbers for compiled kernels."""
+        return PdGains(self.kp, self.kd, self.derivative_filter_s)
 
 
 class Pd(Conventional):
@@ -46,3 +81,11 @@ class Pd(Conventional):
         """Return the new state and the steering command for a yaw-rate error [rad/s], at most `steer_limit` [rad]."""
         slope, tau_c = self.conventional(state, yaw_rate_error, dt)
         return slope, YawCommand(clip(tau_c, -steer_limit, steer_limit), tau_c)
+
+    def linked(self, state: FilteredRate) -> Linked | None:
+        """Return the controller for compiled ticks, or None if a subclass changes its output."""
+        return Linked(_tick, held(self.gains), held(state)) if type(self) is Pd else None
+
+    def resumed(self, state: FilteredRate, found: Held[FilteredRate], shown: Vector) -> FilteredRate:
+        """Return the state after compiled ticks."""
+        return fetched(found)

@@ -9,12 +9,14 @@ from math import nan
 from typing import ClassVar, Literal, NamedTuple
 
 from agrobot_mj.control.base import YawCommand
-from agrobot_mj.control.pd import Conventional
+from agrobot_mj.control.pd import Conventional, PdGains, conventional
 from agrobot_mj.control.pid import FilteredRate, clip
 from agrobot_mj.control.t2fnn import T1Fnn, T2Fnn
 from agrobot_mj.control.t2fnn_laws import Network, tick
+from agrobot_mj.core.calls import Linked, address_of, called
 from agrobot_mj.core.held import Held
-from agrobot_mj.core.signals import Array, Column
+from agrobot_mj.core.kernels import fetched, held, stage
+from agrobot_mj.core.signals import Array, Column, Vector
 
 
 class NeuroState(NamedTuple):
@@ -25,6 +27,39 @@ class NeuroState(NamedTuple):
     reported: Array | None = None
     """Log values of the network in the last tick, taken before the learning step, or None before the first tick."""
     saturated: bool = False  # Whether the last command was clipped at the steering limit
+
+
+class NetworkLaw(NamedTuple):
+    """Parameters of a `PdNetwork` as numbers for compiled kernels, and the address of `t2fnn_laws.tick`."""
+
+    gains: PdGains
+    anti_windup: bool
+    learn: int
+
+
+class NetworkNumbers(NamedTuple):
+    """State of a `PdNetwork` after its first tick; `NeuroState` describes the fields."""
+
+    slope: FilteredRate
+    network: Held[Network]
+    saturated: bool
+
+
+_learn = called(tick)
+
+
+@stage
+def _tick(
+    law: Held[NetworkLaw], state: Held[NetworkNumbers], e: float, ahead: float, steer: float, dt: float, limit: float
+) -> tuple[Held[NetworkNumbers], YawCommand, Vector]:
+    """Return the new state, the command, and the values of the columns of the network; see `controller_form`."""
+    p, s = fetched(law), fetched(state)
+    slope, tau_c = conventional(p.gains, s.slope, e, dt)
+    learns = not (p.anti_windup and s.saturated)
+    done, (network, tau_n, q, shown) = _learn(p.learn, (s.network, e, slope.rate, tau_c, dt, learns))
+    wanted = tau_c - tau_n if done else nan
+    limited = clip(wanted, -limit, limit) if done else nan
+    return held(NetworkNumbers(slope, network, limited != wanted)), YawCommand(limited, tau_c, tau_n, q), shown
 
 
 class PdNetwork(Conventional):
@@ -53,6 +88,18 @@ class PdNetwork(Conventional):
         wanted = tau_c - tau_n
         steer = clip(wanted, -steer_limit, steer_limit)
         return NeuroState(slope, learnt, reported, steer != wanted), YawCommand(steer, tau_c, tau_n, q)
+
+    def linked(self, state: NeuroState) -> Linked | None:
+        """Return the controller for compiled ticks, or None before the first tick or for a subclass."""
+        if state.network is None or type(self) not in (PdT2fnn, PdT1fnn):
+            return None
+        law = NetworkLaw(self.gains, self.anti_windup, address_of(tick, tick))
+        return Linked(_tick, held(law), held(NetworkNumbers(state.slope, state.network, state.saturated)))
+
+    def resumed(self, state: NeuroState, found: Held[NetworkNumbers], shown: Vector) -> NeuroState:
+        """Return the state after compiled ticks."""
+        now = fetched(found)
+        return NeuroState(now.slope, now.network, shown, now.saturated)
 
     @property
     def columns(self) -> tuple[Column, ...]:

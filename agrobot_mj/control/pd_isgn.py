@@ -4,12 +4,19 @@ u = tau_c - tau_n with d tau_n/dt = -alpha sgn(tau_c). This controller equals a 
 strengths.
 """
 
+from math import nan
 from typing import ClassVar, Literal, NamedTuple
 
+import numpy as np
+
 from agrobot_mj.control.base import YawCommand
-from agrobot_mj.control.pd import Conventional
+from agrobot_mj.control.pd import Conventional, PdGains, conventional
 from agrobot_mj.control.pid import FilteredRate, clip
 from agrobot_mj.control.t2fnn_laws import sgn
+from agrobot_mj.core.calls import Linked
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import fetched, held, shared, stage
+from agrobot_mj.core.signals import Vector
 from agrobot_mj.core.spec import Positive
 
 
@@ -18,6 +25,34 @@ class IntegralState(NamedTuple):
 
     slope: FilteredRate = FilteredRate()  # Filtered derivative of the yaw-rate error [rad/s2]
     tau_n: float = 0.0  # Integral of the smoothed sign, subtracted from the PD output [rad]
+
+
+class IntegralLaw(NamedTuple):
+    """Parameters of `PdIsgn` as numbers for compiled kernels."""
+
+    gains: PdGains
+    alpha: float
+    delta_s: float
+
+
+@shared
+def integral_step(
+    p: IntegralLaw, s: IntegralState, e: float, dt: float, limit: float
+) -> tuple[IntegralState, YawCommand]:
+    """Return the new state and the command; the arguments are as for `YawController.update`."""
+    slope, tau_c = conventional(p.gains, s.slope, e, dt)
+    tau_n = s.tau_n
+    command = YawCommand(clip(tau_c - tau_n, -limit, limit), tau_c, tau_n, nan)
+    return IntegralState(slope, tau_n - p.alpha * sgn(tau_c, p.delta_s) * dt), command
+
+
+@stage
+def _tick(
+    law: Held[IntegralLaw], state: Held[IntegralState], e: float, ahead: float, steer: float, dt: float, limit: float
+) -> tuple[Held[IntegralState], YawCommand, Vector]:
+    """Return the new state, the command, and the values of no columns; see `controller_form`."""
+    after, command = integral_step(fetched(law), fetched(state), e, dt, limit)
+    return held(after), command, np.empty(0)
 
 
 class PdIsgn(Conventional):
@@ -40,7 +75,16 @@ class PdIsgn(Conventional):
         self, state: IntegralState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[IntegralState, YawCommand]:
         """Return the new state and the steering command for a yaw-rate error [rad/s], at most `steer_limit` [rad]."""
-        slope, tau_c = self.conventional(state.slope, yaw_rate_error, dt)
-        tau_n = state.tau_n
-        command = YawCommand(clip(tau_c - tau_n, -steer_limit, steer_limit), tau_c, tau_n)
-        return IntegralState(slope, tau_n - self.alpha * sgn(tau_c, self.delta_s) * dt), command
+        return integral_step(self._law, state, yaw_rate_error, dt, steer_limit)
+
+    @property
+    def _law(self) -> IntegralLaw:
+        return IntegralLaw(self.gains, self.alpha, self.delta_s)
+
+    def linked(self, state: IntegralState) -> Linked | None:
+        """Return the controller for compiled ticks, or None if a subclass changes its output."""
+        return Linked(_tick, held(self._law), held(state)) if type(self) is PdIsgn else None
+
+    def resumed(self, state: IntegralState, found: Held[IntegralState], shown: Vector) -> IntegralState:
+        """Return the state after compiled ticks."""
+        return fetched(found)

@@ -9,10 +9,17 @@ With a worn valve (40 % of the flow, dead band wider by 0.8 V) the lag of the va
 see docs/reference/guidance_tables.md.
 """
 
+from math import nan
 from typing import ClassVar, Literal, NamedTuple
 
-from agrobot_mj.control.base import YawCommand, YawController
+import numpy as np
+
+from agrobot_mj.control.base import YawCommand, YawController, excess_of
 from agrobot_mj.control.pid import clip
+from agrobot_mj.core.calls import Linked
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import fetched, held, shared, stage
+from agrobot_mj.core.signals import Vector
 from agrobot_mj.core.spec import NonNegative
 
 TRANSIENT_RAD_S = 0.3
@@ -24,6 +31,38 @@ class PiState(NamedTuple):
 
     integral: float = 0.0  # Integral part of the command [rad]
     before: float = 0.0  # Integral part of the command one tick earlier [rad]
+
+
+class PiGains(NamedTuple):
+    """Gains of `Pi` as numbers for compiled kernels."""
+
+    kp: float
+    ki: float
+
+
+@shared
+def pi_step(p: PiGains, s: PiState, e: float, dt: float, limit: float) -> tuple[PiState, YawCommand]:
+    """Return the new state and the command; the arguments are as for `YawController.update`."""
+    step = p.ki * e * dt if abs(e) < TRANSIENT_RAD_S else 0.0
+    tau_c, integral = p.kp * e, s.integral + step
+    steer = clip(tau_c + integral, -limit, limit)
+    return PiState(integral, s.integral), YawCommand(steer, tau_c, -integral, nan)
+
+
+@shared
+def relieved(s: PiState, excess: float) -> PiState:
+    """Return the state without the last integral step, if this step has the same sign as `excess` [rad]."""
+    return PiState(s.before, s.before) if excess * (s.integral - s.before) > 0 else s
+
+
+@stage
+def _tick(
+    law: Held[PiGains], state: Held[PiState], e: float, ahead: float, steer: float, dt: float, limit: float
+) -> tuple[Held[PiState], YawCommand, Vector]:
+    """Return the new state, the command, and the values of no columns; see `controller_form`."""
+    after, command = pi_step(fetched(law), fetched(state), e, dt, limit)
+    excess = excess_of(command, ahead, clip(command.steer + ahead, -limit, limit), steer)
+    return held(relieved(after, excess)), command, np.empty(0)
 
 
 class Pi(YawController):
@@ -46,12 +85,16 @@ class Pi(YawController):
         self, state: PiState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[PiState, YawCommand]:
         """Return the new state and the steering command for a yaw-rate error [rad/s], at most `steer_limit` [rad]."""
-        step = self.ki * yaw_rate_error * dt if abs(yaw_rate_error) < TRANSIENT_RAD_S else 0.0
-        tau_c, integral = self.kp * yaw_rate_error, state.integral + step
-        steer = clip(tau_c + integral, -steer_limit, steer_limit)
-        return PiState(integral, state.integral), YawCommand(steer, tau_c, -integral)
+        return pi_step(PiGains(self.kp, self.ki), state, yaw_rate_error, dt, steer_limit)
 
     def relieve(self, state: PiState, excess: float) -> PiState:
         """Return the state without the last integral step, if this step has the same sign as `excess` [rad]."""
-        winding = excess * (state.integral - state.before) > 0
-        return state._replace(integral=state.before) if winding else state
+        return relieved(state, excess)
+
+    def linked(self, state: PiState) -> Linked | None:
+        """Return the controller for compiled ticks, or None if a subclass changes its output."""
+        return Linked(_tick, held(PiGains(self.kp, self.ki)), held(state)) if type(self) is Pi else None
+
+    def resumed(self, state: PiState, found: Held[PiState], shown: Vector) -> PiState:
+        """Return the state after compiled ticks."""
+        return fetched(found)

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agrobot_mj.control.evidence import Sensed
+from agrobot_mj.control.evidence import RTK_FIXED, Sensed
 from agrobot_mj.control.sums import Sums, Vehicle, heading_of, summed
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.held import Held
@@ -82,10 +82,28 @@ class References(NamedTuple):
 
 
 @stage
+def compared(
+    r: Held[References], last: Held[Sums], at: Held[Sums], fix: Fix, quality: int, m: Sensed, swing: float
+) -> tuple[Held[References], float, float]:
+    """Return the references after a fix, and the distance of the fix from the least consistent one with its sigma [m].
+
+    `last` and `at` are the dead-reckoning sums at the last checked fix and at this fix. `swing` is the position error
+    of the antenna due to the hitch angle [m].
+    """
+    sums, before = fetched(at), fetched(last)
+    tilt_error = (TILT_SIGMA if isfinite(m.roll + m.pitch) else UNKNOWN_TILT_SIGMA) + ROCKING_FACTOR * sums.rocking
+    fixed = quality == RTK_FIXED
+    error, sharing = (POSITION_SIGMA, 1.0) if fixed else (LOOSE_SIGMA, LOOSE_FIXES)
+    variance, heading = error * error + tilt_error * tilt_error + swing * swing, heading_of(m, fix) - sums.phi
+    after, distance, sigma = _followed(fetched(r), before, sums, fix, heading, variance, sharing)
+    return held(after), distance, sigma
+
+
+@jit
 def _followed(
     r: References, last: Sums, at: Sums, fix: Fix, heading: float, variance: float, sharing: float
 ) -> tuple[References, float, float]:
-    """Return the references after a fix, and the distance of the fix from the least consistent one with its sigma [m].
+    """Return the result of `compared`.
 
     `variance` [m2] is the variance of the fix position; `sharing` is the number of consecutive fixes with equal error.
     `heading` is the measured heading minus the integrated yaw rate [rad], or NaN if not measured.
@@ -173,12 +191,14 @@ class Reckoning(NamedTuple):
     """State of the supervisor's dead reckoning between two ticks."""
 
     sums: tuple[Held[Sums], ...] = ()  # Dead-reckoning sums after each of the last ticks, oldest first
-    checked: Sums | None = None  # Dead-reckoning sums at the last checked fix, or None before the first fix
+    checked: Held[Sums] | None = None  # Dead-reckoning sums at the last checked fix, or None before the first fix
     begun_at: complex = 0j  # Position of the first fix [m], east + j north
-    references: References | None = None  # References for checking fixes, or None until the frame angle theta is known
+    references: Held[References] | None = None
+    """References for checking fixes, or None until the frame angle theta is known."""
     distance: float = nan
     """Distance of the last checked fix from the least consistent reference [m], or NaN before the first checked fix."""
     sigma: float = nan  # Standard deviation of `distance` [m], or NaN before the first checked fix
+    checked_t: float = nan  # Time of `checked` [s], or NaN before the heading is known
 
     def after(
         self,
@@ -201,29 +221,24 @@ class Reckoning(NamedTuple):
         sums = (*before[1 - HISTORY_TICKS :], summed(before[-1], m, fix, vehicle, towed, dt))
         late = round((m.t - fix.t) / dt) if isfinite(fix.t) else 0
         first = self.references is None and quality != Quality.FIX
-        state = Reckoning(sums, self.checked, self.begun_at, self.references, self.distance, self.sigma)
+        state = Reckoning(sums, *self[1:])
         if isnan(fix.x) or first or not 0 <= late < len(sums):
             return state
-        if state.references and state.checked and m.t - late * dt - state.checked.t < EPOCH_S - 0.5 * dt:
+        if state.references and m.t - late * dt - state.checked_t < EPOCH_S - 0.5 * dt:
             return state
-        return state._with_fix(fetched(sums[-1 - late]), fix, quality, m, HITCH_SIGMA * towed.antenna)
+        return state._with_fix(sums[-1 - late], fix, quality, m, HITCH_SIGMA * towed.antenna)
 
-    def _with_fix(self, at: Sums, fix: Fix, quality: int, m: Sensed, swing: float) -> "Reckoning":
+    def _with_fix(self, at: Held[Sums], fix: Fix, quality: int, m: Sensed, swing: float) -> "Reckoning":
         """Return the state after checking a fix; `swing` is the antenna's position error due to the hitch angle [m]."""
         place = complex(fix.x, fix.y)
         if self.checked is None:
             return self._replace(checked=at, begun_at=place)
         if self.references is None:
-            moved = at.path - self.checked.path
+            sums = fetched(at)
+            moved = sums.path - fetched(self.checked).path
             if abs(moved) < START_M:
                 return self
             theta = phase((place - self.begun_at) / moved)
-            return self._replace(checked=at, references=References.first(at, place, theta))
-        has_tilt = isfinite(m.roll + m.pitch)
-        tilt_error = (TILT_SIGMA if has_tilt else UNKNOWN_TILT_SIGMA) + ROCKING_FACTOR * at.rocking
-        fixed = quality == Quality.FIX
-        error = POSITION_SIGMA if fixed else LOOSE_SIGMA
-        variance, sharing = error**2 + tilt_error**2 + swing**2, 1.0 if fixed else LOOSE_FIXES
-        heading = heading_of(m, fix) - at.phi
-        found, distance, sigma = _followed(self.references, self.checked, at, fix, heading, variance, sharing)
-        return self._replace(checked=at, references=found, distance=distance, sigma=sigma)
+            return self._replace(checked=at, references=held(References.first(sums, place, theta)), checked_t=sums.t)
+        found, distance, sigma = compared(self.references, self.checked, at, fix, quality, m, swing)
+        return self._replace(checked=at, references=found, distance=distance, sigma=sigma, checked_t=fetched(at).t)

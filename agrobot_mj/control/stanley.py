@@ -34,11 +34,12 @@ from agrobot_mj.control.deviation import (
     deviated_on,
     followed,
     offset_of,
+    reported,
 )
 from agrobot_mj.control.following import Integrating
 from agrobot_mj.core.held import Held
-from agrobot_mj.core.kernels import fetched, jit, stage
-from agrobot_mj.core.signals import Matrix, Reference
+from agrobot_mj.core.kernels import fetched, held, jit, stage
+from agrobot_mj.core.signals import Matrix, Reference, Vector
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 
@@ -102,18 +103,20 @@ def steering(
 
 @stage
 def _tick(
-    p: Held[StanleyLaw], memory: StanleyState, last: tuple[float, float], samples: Matrix, seen: Situated, r: Reference,
-    dt: float,
-) -> tuple[StanleyState, Followed, float]:  # fmt: skip
-    """Return the new state, the command and path errors, and the arc length [m] up to which the path must be sampled.
+    p: Held[StanleyLaw], memory: Held[StanleyState], last: tuple[float, float], samples: Matrix, seen: Situated,
+    r: Reference, dt: float,
+) -> tuple[Held[StanleyState], Followed, float, Vector]:  # fmt: skip
+    """Return new state, command with path errors, arc length [m] up to which the path must be sampled, and log values.
 
     `last` contains the last direction of travel and the last speed command [m/s].
     """
     p, e = fetched(p), fetched(seen.estimate)
     deviation, most = deviated_on(p.limits, last[0], samples, seen, r, (p.gains.rear, p.gains.wheelbase))
-    pose, rates = (e.x, e.y, e.yaw), (e.speed, e.yaw_rate)
-    memory, wanted = steering(p.gains, memory, deviation, pose, rates[0], rates[1], e.aligned, seen.steer, dt)
-    return memory, followed(p.limits, deviation, r, seen, wanted, last[1], dt), most
+    pose = e.x, e.y, e.yaw
+    rest = deviation, pose, e.speed, e.yaw_rate, e.aligned, seen.steer, dt
+    after, wanted = steering(p.gains, fetched(memory), *rest)
+    found = followed(p.limits, deviation, r, seen, wanted, last[1], dt)
+    return held(after), found, most, reported(found, after.integral)
 
 
 _steering = stage(steering)

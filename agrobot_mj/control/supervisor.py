@@ -120,7 +120,7 @@ class Supervisor(SupervisorLimits):
         reckoning = state.reckoning.after(m, fix, quality, machine, self.gyro_axes == "body", dt, situation.towed)
         wanted = MonitoredCommand(state.steer, abs(command.speed), pedal_ref, self.aligning_speed_m_s)
         reckoned = reckoning.distance, reckoning.sigma
-        watched, shown, over_s, first, signal, cut = _watched(
+        watched, shown, over_s, first, signal, cut = monitored(
             limits, watched, state.over_s, nearest, estimate, m, fix, quality, situation.steer, wanted, reckoned, dt
         )
         mode, reason, pedal, steer = state.mode, state.reason, state.pedal, state.steer
@@ -198,7 +198,7 @@ class MonitoredCommand(NamedTuple):
 
 
 @stage
-def _watched(
+def monitored(
     most: Held[Limits], w: Held[MonitorSignals], over_s: Vector, nearest: PathPoint, estimate: Held[Estimate],
     m: Sensed, fix: Fix, quality: int, steer: float, wanted: MonitoredCommand, reckoned: tuple[float, float], dt: float,
 ) -> tuple[Held[MonitorSignals], tuple[float, float, float], Vector, int, float, bool]:  # fmt: skip

@@ -8,10 +8,11 @@ accepted fix and the smoothed normalised innovation squared (NIS). SI units and 
 from math import exp, sqrt
 from typing import Any, NamedTuple
 
+from agrobot_mj.core.calls import Linked
 from agrobot_mj.core.held import Held
 from agrobot_mj.core.kernels import fetched, kernel_method, shared
 from agrobot_mj.core.reporting import Reporting
-from agrobot_mj.core.signals import Array, Column, Estimate, Measurement
+from agrobot_mj.core.signals import Array, Column, Estimate, Fix, Measurement, Vector
 from agrobot_mj.machine.tractor import TractorParameters
 
 NIS_WINDOW_S = 5.0
@@ -83,6 +84,17 @@ class StateEstimator(Reporting):
         raise NotImplementedError
 
 
+def estimator_form(
+    settings: Held[Any], law: Held[Any], state: Held[Any], m: Readings, fix: Fix, quality: int, dt: float
+) -> tuple[Held[Any], Held[Estimate], Vector]:
+    """Have the signature of a compiled estimator.
+
+    The arguments are parameters of the estimator and of its pose filter or inputs, the state, the measurements and the
+    fix (NaN if missing). The results are the new state, the estimate, and the values of the log columns.
+    """
+    raise NotImplementedError
+
+
 class CompiledEstimator(StateEstimator):
     """Base class of the compiled estimators, which pass a reference to the estimate to other compiled functions."""
 
@@ -94,6 +106,14 @@ class CompiledEstimator(StateEstimator):
     def updated(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Held[Estimate]]:
         """Return the new state and a reference to the estimate at the end of a tick of `dt` [s]."""
         raise NotImplementedError
+
+    def linked(self, state: Any) -> Linked | None:
+        """Return the estimator for compiled ticks, or None if a tick needs Python. Default: None."""
+        return None
+
+    def resumed(self, state: Any, found: Held[Any], shown: Vector) -> Any:
+        """Return the state after compiled ticks from their last state `found` and the values `shown` of the columns."""
+        return found
 
 
 HEALTH_COLUMNS = (

@@ -90,14 +90,14 @@ def linearised(p: BiasEkfLaw, mean: Vector, inputs: Inputs, sigma: float) -> Lin
 @stage
 def _tick(
     s: Held[PoseSettings], p: Held[BiasEkfLaw], state: Held[PoseState], m: Readings, fix: Fix, quality: int, dt: float
-) -> tuple[Held[PoseState], Held[Estimate]]:
-    """Return references to the new state and the estimate after a tick of `dt` [s]."""
+) -> tuple[Held[PoseState], Held[Estimate], Vector]:
+    """Return references to the new state and the estimate after a tick of `dt` [s], and the values of no columns."""
     s, p, state = fetched(s), fetched(p), fetched(state)
     now = prepared(s, state, m, fix, quality, state.pose[BIAS], dt)
     model = linearised(p, state.pose, (now.speed, m.steer, dt), now.sigma)
     found = corrected(model, state.pose_covariance, now.fix)
     after, estimate = finished(s, state, now, found, m, float(found[0][BIAS]), dt)
-    return held(after), held(estimate)
+    return held(after), held(estimate), np.empty(0)
 
 
 class BiasEkf(FixEkf):

@@ -10,20 +10,21 @@ estimates the unmodelled sideslip. The paper does not contain this estimator.
 """
 
 from math import nan, radians, sqrt
-from typing import Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
+from agrobot_mj.core.calls import Linked
+from agrobot_mj.core.contracts import is_compiled
 from agrobot_mj.core.held import Held
 from agrobot_mj.core.kernels import held
-from agrobot_mj.core.levelling import SmoothedTilt
-from agrobot_mj.core.signals import NO_FIX, TICK_S, Column, Estimate, Measurement, Quality
+from agrobot_mj.core.signals import NO_FIX, TICK_S, Column, Estimate, Measurement, Quality, Vector
 from agrobot_mj.core.spec import Fraction, NonNegative, Positive
-from agrobot_mj.estimation.base import HEALTH_COLUMNS, CompiledEstimator, Health, Readings
+from agrobot_mj.estimation.base import HEALTH_COLUMNS, CompiledEstimator, Readings
 from agrobot_mj.estimation.full_core import Core, Gates
 from agrobot_mj.estimation.full_filter import UNALIGNED_SIGMA, FullFilter
 from agrobot_mj.estimation.full_model import AHEAD, C, D, FixNoise, FullLevels, N, S
-from agrobot_mj.estimation.horizon import NO_TILT, Horizon, Logged, Settings, estimated
+from agrobot_mj.estimation.horizon import FullNumbers, Horizon, Settings, Waiting, estimated
 from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import TractorParameters
 
@@ -44,15 +45,15 @@ class FullState(NamedTuple):
 
     settings: Held[Settings]  # Constant parameters of the estimator, computed by `init`
     horizon: Horizon  # Filter state at the newest fix, and newer measurements
-    health: Health  # Diagnostics that do not need the true state
-    tilt: SmoothedTilt = NO_TILT  # Smoothed roll and pitch of the last tick, or NaN before the first tick
-    logged: Logged = (nan,) * 11  # Values of the columns after the last tick, or NaN before the first tick
+    nothing: Held[Waiting]  # Input of the filter in a tick without latency: no waiting measurements
+    logged: Vector  # Values of the columns after the last tick, or NaN before the first tick, shape (11,)
 
 
 class EkfFull(CompiledEstimator):
     """Estimator with 14 states, outlier gates, yaw alignment and delayed fixes (`[estimator] kind = "ekf_full"`)."""
 
     kind: Literal["ekf_full"] = "ekf_full"
+    compiled: ClassVar = staticmethod(estimated)
     terrain_compensation: bool = False
     """Whether roll and pitch from the IMU are used to transform fixes from the antenna to the rear axle."""
     swing_filter_s: NonNegative = 0.1
@@ -206,8 +207,9 @@ class EkfFull(CompiledEstimator):
         slip = WheelSlip(memory=self.unseen_slip_walk_rt_s**2)
         return FullState(
             settings=held(Settings(full, cg, self.terrain_compensation, self.gyro_axes == "body")),
-            horizon=Horizon(held(Core(mean, np.diag(np.square(sigmas)), slip=slip))),
-            health=Health(),
+            horizon=Horizon(held(FullNumbers(Core(mean, np.diag(np.square(sigmas)), slip=slip), np.zeros((0, 8))))),
+            nothing=held(Waiting(np.zeros((0, 8)), 1)),
+            logged=np.full(11, nan),
         )
 
     def _levels(self, tractor: TractorParameters) -> FullLevels:
@@ -249,16 +251,23 @@ class EkfFull(CompiledEstimator):
         m, horizon, ticks, fix = measurement, state.horizon, 1, measurement.fix or NO_FIX
         if measurement.fix is not None:
             horizon, ticks, fix = horizon.at(m.t, fix, dt)
-        core, seen_t, queue, tilt, health, estimate, logged = estimated(
-            *(state.settings, horizon.held, horizon.waiting, state.tilt, state.health),
-            *(Readings.of(m), ticks, fix, m.quality, dt),
-        )
-        horizon = horizon.after(core, seen_t, queue, ticks)
-        return FullState(state.settings, horizon, health, tilt, logged), estimate
+        waiting = held(Waiting(horizon.waiting, ticks)) if len(horizon.waiting) or ticks != 1 else state.nothing
+        found = estimated(state.settings, waiting, horizon.held, Readings.of(m), fix, m.quality, dt)
+        return FullState(state.settings, horizon.after(found[0], ticks), state.nothing, found[2]), found[1]
+
+    def linked(self, state: FullState) -> Linked | None:
+        """Return the estimator for compiled ticks, or None while measurements wait for delayed fixes."""
+        if len(state.horizon.waiting) or not is_compiled(self, "updated", "report", "columns"):
+            return None
+        return Linked(self.compiled, state.settings, state.horizon.held, state.nothing)
+
+    def resumed(self, state: FullState, found: Held[FullNumbers], shown: Vector) -> FullState:
+        """Return the state after compiled ticks from their last state `found` and the values `shown` of the columns."""
+        return state._replace(horizon=Horizon(found).after(found, 1)._replace(history=((),)), logged=shown)
 
     def report(self, state: FullState) -> tuple[float, ...]:
         """Return the values of the log columns after a tick."""
-        return state.logged
+        return tuple(state.logged.tolist())
 
 
 def _fix_noise(sigma: float, fraction: float, lean: float, correlation_time: float) -> FixNoise:

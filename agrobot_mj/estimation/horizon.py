@@ -15,7 +15,7 @@ from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.held import Held
 from agrobot_mj.core.kernels import copy_into, fetched, held, jit, stage
 from agrobot_mj.core.levelling import SmoothedTilt
-from agrobot_mj.core.signals import NO_FIX, Estimate, Fix, Matrix
+from agrobot_mj.core.signals import NO_FIX, Estimate, Fix, Matrix, Vector
 from agrobot_mj.estimation.base import Health, Readings, largest_sigma
 from agrobot_mj.estimation.equations import times
 from agrobot_mj.estimation.full_core import Core, Inputs, side_of
@@ -50,35 +50,37 @@ value for a maximum receiver latency of 5 s, plus a margin."""
 class Horizon(NamedTuple):
     """Filter state at the newest fix, the measurements since then, and previous filter states."""
 
-    held: Held[Core]  # Filter state at the time of the newest fix
+    held: "Held[FullNumbers]"  # State with the filter state at the time of the newest fix
     seen_t: float = -1.0  # Time of the newest fix [s]
     waiting: Matrix = np.zeros((0, 8))  # Measurements newer than `core`, oldest first: rows of `Inputs`, shape (n, 8)
-    history: tuple[tuple[tuple[Held[Core], float, Matrix], ...], ...] = ((),)
-    """Previous filter states in blocks, oldest first: core before a tick, time of its newest fix, and measurements used
-    in the tick."""
+    history: "tuple[tuple[tuple[Held[FullNumbers], float, Matrix], ...], ...]" = ((),)
+    """Previous states in blocks, oldest first: state before a tick, time of its newest fix, and measurements used in
+    the tick."""
 
     @property
     def core(self) -> Core:
         """Filter state at the time of the newest fix, as a named tuple."""
-        return fetched(self.held)
+        return fetched(self.held).core
 
     def back(self, ticks: int) -> "Horizon":
         """Return the horizon of at least `ticks` ticks earlier, with all later measurements queued again."""
         if ticks <= 0:
             return self
-        core, seen_t, waiting, history = *self[:3], [tick for block in self.history for tick in block]
+        before, seen_t, waiting, history = *self[:3], [tick for block in self.history for tick in block]
         while ticks > 0 and history:
-            core, seen_t, used = history.pop()
+            before, seen_t, used = history.pop()
             waiting, ticks = np.concatenate((used, waiting)), ticks - len(used)
-        return Horizon(core, seen_t, waiting, (tuple(history),))
+        state = held(fetched(self.held)._replace(core=fetched(before).core))
+        return Horizon(state, seen_t, waiting, (tuple(history),))
 
-    def after(self, core: Held[Core], seen_t: float, queue: Matrix, ticks: int) -> "Horizon":
-        """Return the horizon with the new filter state `core`, which has used the first `ticks` rows of the queue."""
+    def after(self, state: "Held[FullNumbers]", ticks: int) -> "Horizon":
+        """Return the horizon with the new `state`, whose core has used the first `ticks` rows of the queue."""
+        seen_t, queue = _progress(state)
         *blocks, last = self.history[-1 - HISTORY_TICKS // BLOCK_TICKS :]
         if len(last) >= BLOCK_TICKS:
             blocks, last = [*blocks, last], ()
         last = (*last, (self.held, self.seen_t, queue[:ticks]))
-        return Horizon(core, seen_t, queue[ticks:], (*blocks, last))
+        return Horizon(state, seen_t, queue[ticks:], (*blocks, last))
 
     def at(self, t: float, fix: Fix, dt: float) -> "tuple[Horizon, int, Fix]":
         """Return the horizon rewound for a fix that arrives at `t` [s], the number of ticks up to the fix, and the fix.
@@ -115,21 +117,38 @@ class Present(NamedTuple):
     covariance: Matrix  # Covariance of x, y and heading, shape (3, 3)
 
 
-Logged = tuple[float, float, float, float, float, float, float, float, float, float, float]
-"""Values of the log columns `EkfFull.columns`."""
+class Waiting(NamedTuple):
+    """Measurements for the filter in one tick."""
+
+    rows: Matrix  # Measurements before this tick that the filter has not used, shape (n, 8), as in `Horizon.waiting`
+    ticks: int  # Number of measurements, including the measurement of this tick, that the filter uses in this tick
+
+
+class FullNumbers(NamedTuple):
+    """Numbers of the estimator `EkfFull` that change in each tick."""
+
+    core: Core  # Filter state
+    queue: Matrix  # Waiting measurements of the last tick, followed by its own measurement, shape (n, 8)
+    tilt: SmoothedTilt = SmoothedTilt(nan, nan)  # Smoothed roll and pitch, or NaN before the first tick
+    health: Health = Health()  # Diagnostics that do not need the true state
+
+
+@stage
+def _progress(state: Held[FullNumbers]) -> tuple[float, Matrix]:
+    now = fetched(state)
+    return now.core.seen.t, now.queue
 
 
 @stage
 def estimated(
-    s: Held[Settings], core: Held[Core], waiting: Matrix, tilt: SmoothedTilt, health: Health, m: Readings, ticks: int,
-    fix: Fix, quality: int, dt: float,
-) -> tuple[Held[Core], float, Matrix, SmoothedTilt, Health, Held[Estimate], Logged]:  # fmt: skip
-    """Return the core, the time of its newest fix, queue, tilt, health, estimate and log values at the end of a tick.
+    s: Held[Settings], w: Held[Waiting], state: Held[FullNumbers], m: Readings, fix: Fix, quality: int, dt: float
+) -> tuple[Held[FullNumbers], Held[Estimate], Vector]:
+    """Return the new state, the estimate, and the values of the columns of `EkfFull` at the end of a tick.
 
-    The core is the filter state. It advances by the first `ticks` measurements of the queue; the fix corrects the last
-    of these ticks.
+    The core advances by the first `ticks` measurements of the queue; the fix corrects the last of these ticks.
     """
-    s, core = fetched(s), fetched(core)
+    s, (waiting, ticks), state = fetched(s), fetched(w), fetched(state)
+    core, tilt, health = state.core, state.tilt, state.health
     roll, pitch = (m.roll, m.pitch) if s.tilts else (0.0, 0.0)
     first = isnan(tilt.roll)
     if not isfinite(roll + pitch):  # not measured: keep the last tilt
@@ -165,8 +184,8 @@ def estimated(
     r, mount = core.rejections, core.mean[MOUNT] if core.mean.size > N else nan
     e, counts = estimate, (float(r.positions), float(r.velocities), float(r.restarts))
     own = (e.fix_age, e.position_sigma, e.nis_mean, 1.0 if e.aligned else 0.0, e.sideslip)
-    logged = (*own, core.mean[B_G], mount, core.mean[K], *counts)
-    return held(core), core.seen.t, queue, tilt, health, held(estimate), logged
+    logged = np.array((*own, core.mean[B_G], mount, core.mean[K], *counts))
+    return held(FullNumbers(core, queue, tilt, health)), held(estimate), logged
 
 
 @jit
@@ -226,6 +245,3 @@ def _extrapolated(core: Core, levels: FullLevels, moved: tuple[float, float], la
     for state, walk in ((0, levels.walks[0]), (1, levels.walks[0]), (2, levels.walks[2])):
         P[state, state] += walk * walk * time
     return P
-
-
-NO_TILT = SmoothedTilt(nan, nan)  # Tilt before the first tick: unknown

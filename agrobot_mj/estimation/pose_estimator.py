@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
+from agrobot_mj.core.calls import Linked
 from agrobot_mj.core.contracts import is_compiled
 from agrobot_mj.core.errors import required
 from agrobot_mj.core.geometry import wrap
@@ -244,12 +245,22 @@ class PoseEstimator(CompiledEstimator):
             velocity_walk=self.velocity_walk_m_s_rt_s,
         )
 
+    def linked(self, state: EstimatorState) -> Linked | None:
+        """Return the estimator for compiled ticks, or None if the filters are evaluated in Python."""
+        if state.filters or not is_compiled(self, "updated", "report", "columns"):
+            return None
+        return Linked(self.compiled, state.settings, state.numbers, state.law)
+
+    def resumed(self, state: EstimatorState, found: Held[PoseState], shown: Vector) -> EstimatorState:
+        """Return the state after compiled ticks from their last state `found`."""
+        return state._replace(numbers=found)
+
     def updated(self, state: EstimatorState, measurement: Measurement, dt: float) -> tuple[Any, Held[Estimate]]:
         """Return the new state and a reference to the estimate at the end of a tick of `dt` [s]."""
         settings, law, numbers, filters = state
         m, fix, quality = Readings.of(measurement), measurement.fix or NO_FIX, measurement.quality
         if filters is None:
-            numbers, estimate = self.compiled(settings, law, numbers, m, fix, quality, dt)
+            numbers, estimate, _ = self.compiled(settings, law, numbers, m, fix, quality, dt)
             return EstimatorState(settings, law, numbers, None), estimate
         s, before, (velocity_kf, pose_filter) = fetched(settings), fetched(numbers), filters
         now, noise = measured(s, before, m, fix, quality, self.steer_bias(before.pose) or 0.0, dt)

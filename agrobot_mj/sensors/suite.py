@@ -6,7 +6,8 @@ have separate fields of `Measurement`.
 """
 
 from functools import lru_cache
-from typing import Any, NamedTuple
+from math import nan
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from agrobot_mj.core.held import Held
 from agrobot_mj.core.kernels import fetched, held
 from agrobot_mj.core.lines import SignalLine
 from agrobot_mj.core.randomness import address, addresses
-from agrobot_mj.core.signals import NOMINAL, SOUND, TICK_S, Column, Conditions, Fix, Measurement, Truth
+from agrobot_mj.core.signals import NOMINAL, SOUND, TICK_S, Column, Conditions, Fix, Measurement, Quality, Truth
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.sensors.base import CompiledSensor, Sensor
 from agrobot_mj.sensors.gnss import CLEAR, Delivery, Gnss, GnssReading, Streams
@@ -24,7 +25,7 @@ from agrobot_mj.sensors.gyro import Gyro
 from agrobot_mj.sensors.implement_gnss import ImplementGnss
 from agrobot_mj.sensors.imu import Imu
 from agrobot_mj.sensors.potentiometer import PedalPotentiometer, SteeringPotentiometer
-from agrobot_mj.sensors.sensing import Addresses, Generators, Laws, Values, sense
+from agrobot_mj.sensors.sensing import Addresses, Generators, Laws, SensorReadings, Values, sense
 from agrobot_mj.sensors.speed import RadarSpeed, WheelSpeed
 
 LINES = {
@@ -141,6 +142,8 @@ class Suite:
         """Cached number of physics steps per tick, and the parameters of `sense` for this number."""
         self.plain = not self.others and self.gnss.immediate and self.steering_pot.linear
         """Whether the compiled call delivers all measurements in ticks without faults."""
+        self.compiled_only = all(type(sensor) is KINDS[name] for name, sensor in compiled.items())
+        """Whether no sensor belongs to a subclass, which may change its log columns."""
         self._streams: tuple[Generators, Addresses] | None = None
         """Random streams and their addresses, or None before the first tick."""
         self.absent = {name: self.compiled[name].absent for name in NOISY if not self.compiled[name].enabled}
@@ -164,16 +167,33 @@ class Suite:
         steer = NO_SAMPLES if plain else np.ascontiguousarray(self.steering_pot.seen(now))
         streams = self._addresses(state.generators)
         values, found, sound = sense(self._prepared[1], state.values, streams, truth, sky, steer)
-        solved, heading, steer_angle, pedal_place, gyro, imu, wheels, radar, implement = found
-        fix = Fix(*solved)
         if plain and not delivery.pending:
-            line = delivery.heading
-            if self.gnss.dual_antenna.enabled:
-                line, fix = SignalLine(heading), Fix(*solved, wrap(heading))
-            delivery, gnss = Delivery(delivery.canopies, line, (), fix), GnssReading(fix, sky.quality)
-        else:
-            delivery, gnss = self.gnss.deliver(delivery, fix, heading, sky.quality, conditions, self.dt)
-        readings = {
+            return self.immediate(state, values, found, sound)
+        delivery, gnss = self.gnss.deliver(delivery, Fix(*found.gnss), found.heading, sky.quality, conditions, self.dt)
+        readings = self._readings(found, gnss)
+        states = state.states if plain or not self.others else self._measure_others(state, readings, now, conditions)
+        lines = () if conditions is NOMINAL else _distort(readings, state, conditions, self.dt)
+        t = delivery.last.t if plain and delivery.last else now.t
+        after = SensorState(state.generators, values, delivery, states, readings, lines, sound)
+        return after, _measurement(t, readings)
+
+    def immediate(
+        self, state: SensorState, values: Held[Values], found: SensorReadings, sound: bool
+    ) -> tuple[SensorState, Measurement]:
+        """Return the new state and the measurement of a tick without faults, delayed solutions and other sensors."""
+        canopies, line, _, _ = state.delivery
+        fix = Fix(*found.gnss)
+        if self.gnss.dual_antenna.enabled:
+            line, fix = SignalLine(found.heading), Fix(*found.gnss, wrap(found.heading))
+        readings = self._readings(found, GnssReading(fix, Quality.FIX))
+        delivery = Delivery(canopies, line, (), fix)
+        after = SensorState(state.generators, values, delivery, state.states, readings, state.lines[:0], sound)
+        return after, _measurement(fix.t, readings)
+
+    def _readings(self, found: SensorReadings, gnss: GnssReading) -> dict[str, Any]:
+        """Return the measurements by sensor name, with the solution `gnss` delivered in the tick."""
+        _, _, steer_angle, pedal_place, gyro, imu, wheels, radar, implement = found
+        return {
             "gnss": gnss,
             "steering_pot": steer_angle,
             "pedal_pot": pedal_place,
@@ -184,15 +204,6 @@ class Suite:
             "implement_gnss": implement,
             **self.absent,
         }
-        states, lines = state.states, state.lines[:0]
-        if not plain:
-            states = self._measure_others(state, readings, now, conditions) if self.others else state.states
-            lines = () if conditions is NOMINAL else _distort(readings, state, conditions, self.dt)
-            gnss, steer_angle, pedal_place = readings["gnss"], readings["steering_pot"], readings["pedal_pot"]
-        imu, t = readings["imu"], fix.t if plain else now.t
-        measured = steer_angle, pedal_place, readings["gyro"], imu.roll, imu.pitch, readings["wheel_speed"]
-        measurement = Measurement(t, *gnss, *measured, readings)
-        return SensorState(state.generators, values, delivery, states, readings, lines, sound), measurement
 
     def report(self, state: SensorState) -> tuple[float, ...]:
         """Return the values of the log columns after a tick."""
@@ -210,6 +221,26 @@ class Suite:
             pots = self.steering_pot.parameters(steps), self.pedal_pot.parameters(steps)
             laws = {name: sensor.parameters(self.dt) for name, sensor in noisy.items()}
             self._prepared = steps, held(Laws(*pots, present, self.gnss.parameters(self.dt), **laws))
+
+    def compiled_form(self, generators: Generators, steps: int) -> tuple[Held[Laws], Held[Addresses]]:
+        """Return the parameters of `sense` for `steps` physics steps per tick, and the addresses of the generators."""
+        self.prepare(steps)
+        return self._prepared[1], self._addresses(generators)
+
+    def readings_of(self, m: Measurement, heading: float | None) -> SensorReadings:
+        """Return the measurement with a fix as numbers; `heading` is the heading from two antennas before wrapping."""
+        fix, other = cast(Fix, m.fix), m.readings
+        return SensorReadings(
+            gnss=fix[:6],
+            heading=nan if heading is None else heading,
+            steering_pot=m.steer,
+            pedal_pot=m.pedal,
+            gyro=m.gyro,
+            imu=other["imu"]._replace(roll=m.roll, pitch=m.pitch),
+            wheel_speed=m.wheel_speed,
+            radar_speed=other["radar_speed"],
+            implement_gnss=other["implement_gnss"],
+        )
 
     def _addresses(self, generators: Generators) -> Held[Addresses]:
         """Return the addresses of the random streams of all compiled sensors."""
@@ -231,6 +262,12 @@ class Suite:
             found = sensor.measure(states[name], truth, conditions, self.dt)
             states[name], readings[name] = check_pair(found, "its state and measurement", "the sensor", name, "measure")
         return states
+
+
+def _measurement(t: float, readings: dict[str, Any]) -> Measurement:
+    imu, gnss, steer, pedal = readings["imu"], readings["gnss"], readings["steering_pot"], readings["pedal_pot"]
+    rest = readings["gyro"], imu.roll, imu.pitch, readings["wheel_speed"], readings
+    return Measurement(t, gnss.fix, gnss.quality, steer, pedal, *rest)
 
 
 @lru_cache(maxsize=8)

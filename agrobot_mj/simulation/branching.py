@@ -68,7 +68,8 @@ def steps(sim: Simulation, branches: Sequence[Branch]) -> Iterator[None]:
     while not sim.done:
         while left and left[0].tick == sim.rows.filled:
             sim.branch(left.pop(0).number)
-        sim.step()
+        ahead = EVERY - sim.rows.filled % EVERY
+        sim.advance(min(ahead, left[0].tick - sim.rows.filled) if left else ahead)
         if sim.rows.filled % EVERY == 0 and not sim.done:
             _STATES.keep(name, past, sim)
         yield

@@ -15,7 +15,7 @@ import numpy as np
 from agrobot_mj.core.contracts import check_type, check_update, one_line
 from agrobot_mj.core.errors import NotFiniteError, ScenarioError
 from agrobot_mj.core.held import Held
-from agrobot_mj.core.kernels import fetched, stage
+from agrobot_mj.core.kernels import fetched, jit, shared, stage
 from agrobot_mj.core.signals import (
     NOMINAL,
     Array,
@@ -149,14 +149,17 @@ class Stage(Generic[Message]):
             raise NotFiniteError(f"{self.maker} failed: {error}{place_in_plugin(error)}") from error
 
 
-@stage
-def _is_finite(estimate: Held[Estimate]) -> bool:
+@jit
+def is_finite(estimate: Held[Estimate]) -> bool:
     """Return whether all numbers of an estimate are finite, except fields with the default NaN."""
     e = fetched(estimate)
     total = e.x + e.y + e.yaw + e.speed + e.yaw_rate + e.rear_x + e.rear_y + e.sideslip
     for variance in e.covariance.flat:
         total += variance
     return isfinite(total)
+
+
+_is_finite = stage(is_finite)
 
 
 class Reception(NamedTuple):
@@ -179,9 +182,14 @@ class Reception(NamedTuple):
             STATE.check(fetched(truth), f"the plant ({s.plant.kind})")
         if conditions is not NOMINAL:
             CONDITIONS.check(conditions, f"a fault ({', '.join(fault.kind for fault in s.fault)})")
-        sensors, measured = suite.measure(self.sensors, truth, conditions)
+        return self.checked(s, *suite.measure(self.sensors, truth, conditions), truth)
+
+    def checked(
+        self, s: Scenario, sensors: SensorState, measured: Measurement, truth: Held[Truth]
+    ) -> "tuple[Reception, Measurement]":
+        """Return the new state and the checked measurement, as `after`, for the new state of the sensors."""
         _, fix, _, steer, pedal, *optional, _ = measured
-        sound = fix is None or _possible(fix)
+        sound = fix is None or possible(fix)
         if sound and sensors.sound and isfinite(steer + pedal) and inf not in map(abs, optional):
             return Reception(sensors, steer, pedal, self.rejected), measured
         SAMPLED_STATE.check(fetched(truth), f"the plant ({s.plant.kind})")
@@ -196,9 +204,10 @@ class Reception(NamedTuple):
         return Reception(sensors, measured.steer, measured.pedal, tuple(counts.items())), measured
 
 
-def _possible(fix: Fix) -> bool:
+@shared
+def possible(fix: Fix) -> bool:
     """Return whether the position and the speed of a fix are plausible. NaN is not plausible."""
-    sound = inf not in (abs(fix.z), abs(fix.heading))  # NaN means "not reported"
+    sound = abs(fix.z) != inf and abs(fix.heading) != inf  # NaN means "not reported"
     return sound and abs(fix.x) + abs(fix.y) < FARTHEST_M and abs(fix.vx) + abs(fix.vy) < FASTEST_M_S
 
 

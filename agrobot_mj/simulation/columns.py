@@ -177,17 +177,17 @@ _SCOPE: dict[str, Any] = {"__name__": __name__, "fetched": fetched, "to_heading"
 _SCOPE |= {"Here": Here, "ABSENT": nan}
 exec(compile("\n".join(_LINES), __file__, "exec"), _SCOPE)
 _KINDS: tuple[Any, ...] = (Vector, Held[Truth], Fix, Held[Estimate], Reference, Drive, tuple[float, float, float])
-_write: Any = _SCOPE["_written"]
-_names = (*_write.__code__.co_varnames[:8], "return")
-_write.__annotations__ = dict(zip(_names, (*_KINDS, GenericAlias(tuple, (float,) * 9), Here), strict=True))
-_write = stage(_write)
+write_row: Any = _SCOPE["_written"]
+_names = (*write_row.__code__.co_varnames[:8], "return")
+write_row.__annotations__ = dict(zip(_names, (*_KINDS, GenericAlias(tuple, (float,) * 9), Here), strict=True))
+write_row = stage(write_row)
 
 
 def row(k: Tick) -> tuple[Vector, Here]:
     """Return the log row of a tick in the order of `COLUMNS`, with NaN in columns reported by stages, and `Here`."""
     values, m = np.empty(len(COLUMNS)), k.measured
     others = m.quality, m.steer, m.pedal, k.z_ref, k.command.speed, k.steer_ref, k.pedal_ref, k.saturated, k.faults
-    here = _write(values, k.truth, m.fix or NO_FIX, held(k.estimate), k.reference, k.drive, k.actuation, others)
+    here = write_row(values, k.truth, m.fix or NO_FIX, held(k.estimate), k.reference, k.drive, k.actuation, others)
     return values, here
 
 

@@ -103,9 +103,10 @@ class Rows:
         shared = min(len(here), len(saved.blocks)) if shared is None else shared
         self.filled, self._blocks = min(shared * BLOCK, self.filled), list(saved.blocks)
         for values, poses in (*saved.blocks[shared:], saved.rest):
-            self._extend(values, poses)
+            self.extend(values, poses)
 
-    def _extend(self, values: Array, poses: Array) -> None:
+    def extend(self, values: Array, poses: Array) -> None:
+        """Append the rows `values` (n, columns) with the body poses `poses` (n, bodies, 7)."""
         begin, end = self.filled, self.filled + len(values)
         self._make_room(end)
         self.values[begin:end], self.poses[begin:end] = values, poses

@@ -41,7 +41,7 @@ from agrobot_mj.paths.base import start_of
 from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.plants import Bicycle, BicyclePlant, Clock, MujocoPlant, RunningPlant
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.sensors import Suite
+from agrobot_mj.sensors import SensorState, Suite
 from agrobot_mj.simulation.checks import Reception, Stage, check_report, read_only, steerable
 from agrobot_mj.simulation.columns import Tick
 from agrobot_mj.simulation.feasibility import naming
@@ -168,13 +168,28 @@ class Loop:
         """Read the sensors and update the estimate. Return the measurement and the guidance inputs."""
         s, state = self.scenario, self.stages
         state.sensors, measured = state.sensors.after(s, self.suite, self.seen, state.conditions)
+        return self._estimate(measured)
+
+    def receive(self, sensors: SensorState, measured: Measurement) -> None:
+        """Continue a tick whose sensors have been read: check the measurement and update the estimate."""
+        state = self.stages
+        state.sensors, measured = state.sensors.checked(self.scenario, sensors, measured, self.seen)
+        self.sensed, self.has_sensed = self._estimate(measured), True
+
+    def _estimate(self, measured: Measurement) -> tuple[Measurement, Situation]:
+        """Update the estimate. Return the measurement and the guidance inputs."""
+        state = self.stages
         fixed = state.receiver.reduced(measured)
         state.estimator, estimate = self.estimator.update(state.estimator, fixed, TICK_S)
         state.receiver = state.receiver.after(measured, estimate, TICK_S)
-        reference = self.path.ask(measured.t)
+        return measured, self.situation(measured, estimate, self.path.ask(measured.t))
+
+    def situation(self, measured: Measurement, estimate: Held[Estimate], reference: Reference) -> Situation:
+        """Return the guidance inputs of a tick."""
         x, y = measured.readings["implement_gnss"]
         seen = measured.steer, measured.roll, (x, y)
-        return measured, Situation(measured.t, estimate, reference, self.route, s.tractor, *seen, self.towed)
+        machine = self.scenario.tractor
+        return Situation(measured.t, estimate, reference, self.route, machine, *seen, self.towed)
 
     def decide(self, measured: Measurement, situation: Situation) -> Command:
         """Return the command of the guidance law, or of the supervisor if it intervenes.

@@ -8,7 +8,7 @@ from agrobot_mj.core.kernels import held, stage
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Command, Drive, Measurement
 from agrobot_mj.scenario.schema import Scenario
 
-_run = stage(loops_step)
+run_loops = stage(loops_step)
 
 
 class LowLevelLoops:
@@ -27,8 +27,8 @@ class LowLevelLoops:
         reference, other = situation.reference, self.other
         loop_command = loop_command_of(command, reference.vx == reference.vy == 0.0)
         steering: SteeringState = self.idle if other else states.steering
-        before, steer = LoopsState(states.speed, steering, states.brake), measured.steer
-        after, drive = _run(self.law, before, loop_command, held(situation.estimate), steer, measured.pedal, TICK_S)
+        before, steer, estimate = LoopsState(states.speed, steering, states.brake), measured.steer, situation.estimate
+        after, drive = run_loops(self.law, before, loop_command, held(estimate), steer, measured.pedal, TICK_S)
         states.speed, steering, states.brake = after
         if other is None:
             states.steering = steering

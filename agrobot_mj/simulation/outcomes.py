@@ -3,6 +3,7 @@
 from math import hypot, inf
 from typing import NamedTuple
 
+from agrobot_mj.core.kernels import shared
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.paths.base import ReferencePath
 from agrobot_mj.plants import RunningPlant
@@ -44,18 +45,26 @@ class Watch:
             return found
         if not distance < LOST_M:
             return "diverged"
-        return "stuck" if self._stuck(truth, distance, asked, led) else None
+        self.standstill = standstill_after(self.standstill, truth, distance, asked, led)
+        return "stuck" if is_stuck(self.standstill, distance) else None
 
-    def _stuck(self, truth: Here, distance: float, asked: float, led: bool) -> bool:
-        """Return whether the tractor has been at rest for STUCK_S despite a pedal command or a receding reference."""
-        at = self.standstill
-        if hypot(truth.x - at.x, truth.y - at.y) > STUCK_M:
-            at = Standstill(truth.x, truth.y)
-        tries = max(abs(truth.pedal), abs(asked)) >= STUCK_PEDAL
-        tried_s, waited_s = at.tried_s + TICK_S if tries else 0.0, at.waited_s + TICK_S if led else 0.0
-        since = at.distance if at.waited_s else distance
-        self.standstill = Standstill(at.x, at.y, tried_s, waited_s, since)
-        return tried_s > STUCK_S or (waited_s > STUCK_S and distance - since > LEFT_M)
+
+@shared
+def standstill_after(at: Standstill, truth: Here, distance: float, asked: float, led: bool) -> Standstill:
+    """Return the standstill after a tick; the arguments are as for `Watch.trouble`."""
+    x, y, tried_s, waited_s, since = at.x, at.y, at.tried_s, at.waited_s, at.distance
+    if hypot(truth.x - x, truth.y - y) > STUCK_M:
+        x, y, tried_s, waited_s, since = truth.x, truth.y, 0.0, 0.0, 0.0
+    if waited_s == 0.0:
+        since = distance
+    tries = max(abs(truth.pedal), abs(asked)) >= STUCK_PEDAL
+    return Standstill(x, y, tried_s + TICK_S if tries else 0.0, waited_s + TICK_S if led else 0.0, since)
+
+
+@shared
+def is_stuck(at: Standstill, distance: float) -> bool:
+    """Return whether the tractor has been at rest for STUCK_S despite a pedal command or a receding reference."""
+    return at.tried_s > STUCK_S or (at.waited_s > STUCK_S and distance - at.distance > LEFT_M)
 
 
 def past_end(path: ReferencePath, truth: Here) -> bool:

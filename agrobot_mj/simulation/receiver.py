@@ -16,8 +16,9 @@ from typing import NamedTuple
 
 from agrobot_mj.core.geometry import from_heading, to_level, wrap
 from agrobot_mj.core.held import Held
-from agrobot_mj.core.kernels import fetched
-from agrobot_mj.core.signals import Estimate, Measurement
+from agrobot_mj.core.kernels import fetched, shared
+from agrobot_mj.core.signals import Estimate, Fix, Measurement
+from agrobot_mj.estimation.base import Readings
 
 SLOWLY_S = 3.0
 """Time constant of the heading correction [s]. Assumed value: low enough for gyro bias, high enough for stability."""
@@ -32,27 +33,40 @@ class MountedReceiver(NamedTuple):
     speed: float = 0.0  # Estimated speed of the last tick [m/s]
     t: float = 0.0  # Time at which the heading is valid [s]
 
-    def yaw_rate(self, measured: Measurement) -> float:
-        """Return the yaw rate [rad/s] from the gyro or, without a gyro, from steering angle and speed."""
-        return measured.gyro if isfinite(measured.gyro) else self.speed * tan(measured.steer) / self.wheelbase
-
     def reduced(self, measured: Measurement) -> Measurement:
         """Return the measurement with the fix moved to the rear axle, using the heading at the time of the fix."""
         fix = measured.fix
         if self.arm == (0.0, 0.0) or fix is None:
             return measured
-        rate = self.yaw_rate(measured)
-        yaw, (ahead, left) = self.yaw + rate * (fix.t - self.t), self.arm
-        if isfinite(measured.roll):
-            ahead, left, _ = to_level(measured.roll, measured.pitch, (ahead, left, 0.0))
-        dx, dy = from_heading(yaw, ahead, left)
-        fix = fix._replace(x=fix.x - dx, y=fix.y - dy, vx=fix.vx + rate * dy, vy=fix.vy - rate * dx)
-        return measured._replace(fix=fix)
+        return measured._replace(fix=at_axle(self, Readings.of(measured), fix))
 
     def after(self, measured: Measurement, estimate: Held[Estimate], dt: float) -> "MountedReceiver":
         """Return the state of the receiver after a tick of `dt` [s], with the integrated heading."""
         if self.arm == (0.0, 0.0):
             return self
         estimate = fetched(estimate)
-        yaw = self.yaw + dt * (self.yaw_rate(measured) + wrap(estimate.yaw - self.yaw) / SLOWLY_S)
-        return self._replace(yaw=wrap(yaw), speed=estimate.speed, t=measured.t)
+        return turned(self, Readings.of(measured), estimate.yaw, estimate.speed, dt)
+
+
+@shared
+def at_axle(s: MountedReceiver, m: Readings, fix: Fix) -> Fix:
+    """Return the fix moved to the rear axle, using the heading at the time of the fix."""
+    rate = _yaw_rate(s, m)
+    yaw, ahead, left = s.yaw + rate * (fix.t - s.t), s.arm[0], s.arm[1]
+    if isfinite(m.roll):
+        ahead, left, _ = to_level(m.roll, m.pitch, (ahead, left, 0.0))
+    dx, dy = from_heading(yaw, ahead, left)
+    return Fix(fix.x - dx, fix.y - dy, fix.vx + rate * dy, fix.vy - rate * dx, fix.t, fix.z, fix.heading)
+
+
+@shared
+def turned(s: MountedReceiver, m: Readings, yaw: float, speed: float, dt: float) -> MountedReceiver:
+    """Return the state after a tick of `dt` [s], for the estimated `yaw` [rad] and `speed` [m/s]."""
+    heading = s.yaw + dt * (_yaw_rate(s, m) + wrap(yaw - s.yaw) / SLOWLY_S)
+    return MountedReceiver(s.arm, s.wheelbase, wrap(heading), speed, m.t)
+
+
+@shared
+def _yaw_rate(s: MountedReceiver, m: Readings) -> float:
+    """Return the yaw rate [rad/s] from the gyro or, without a gyro, from steering angle and speed."""
+    return m.gyro if isfinite(m.gyro) else s.speed * tan(m.steer) / s.wheelbase

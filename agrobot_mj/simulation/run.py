@@ -43,8 +43,8 @@ def run(
 ) -> Log:
     """Simulate a scenario to its end and return the log, without writing files.
 
-    The same scenario gives bit-identical signals on the same machine. `should_stop` is called every tick; the run ends
-    as `aborted` if this function returns True.
+    The same scenario gives bit-identical signals on the same machine. `should_stop` is called after each episode (see
+    `Simulation.advance`); the run ends as `aborted` if this function returns True.
 
     Each of the `branches` switches the noise to other random streams. If `branches` is given, even empty, states are
     stored for other runs. `ticks` is a function that replaces the loop over all ticks: it begins the run or restores a
@@ -70,7 +70,7 @@ def run(
 def _ticks(sim: Simulation) -> Iterator[None]:
     sim.reset()
     while not sim.done:
-        sim.step()
+        sim.advance()
         yield
 
 

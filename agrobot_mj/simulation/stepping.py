@@ -26,6 +26,7 @@ from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.columns import COLUMNS, Tick, row
 from agrobot_mj.simulation.commands import command_of
+from agrobot_mj.simulation.episodes import LONGEST, SHORTEST, Episodes
 from agrobot_mj.simulation.evaluation import Evaluation
 from agrobot_mj.simulation.guard import Guard
 from agrobot_mj.simulation.log import Log, Rows, SavedRows
@@ -59,7 +60,7 @@ class Simulation:
             loop = Loop(self.scenario, saved and saved.loop.seen)
         plant = loop.plant
         rows = Rows(self.scenario.ticks, plant.wheels().size, len(plant.scene.bodies), loop.columns)
-        self._evaluation = Evaluation(self.scenario, loop, rows)
+        self._evaluation, self._episodes = Evaluation(self.scenario, loop, rows), Episodes(loop, rows)
         self.loop, self.rows, self._watch, self.outcome, self.reason = loop, rows, Watch(plant), "", ""
         self._broken_off = False
         if not saved and plant.trouble() == "diverged":  # during settling
@@ -139,6 +140,33 @@ class Simulation:
             raise
         return self._last()
 
+    def advance(self, ticks: int = LONGEST) -> Measurement:
+        """Advance by at least one and at most `ticks` ticks with the guidance law; return the measurement at the end.
+
+        The result is bit-identical to that of repeated calls of `step()` without arguments, which take more time.
+        Ticks with faults, events or interpreted stages are performed one at a time. Raises the errors of `step`.
+        """
+        check_argument("ticks", ticks, isinstance(ticks, int), "a whole number")
+        with self._guard:
+            self._require_whole()
+            if self.done or not self._perform_episode(min(ticks, LONGEST)):
+                return self._step({}, None)
+            if not (self.done or self.loop.has_sensed):
+                self._read_sensors()
+            return self._last()
+
+    def _perform_episode(self, most: int) -> int:
+        """Perform an episode of at most `most` ticks and return the number of its ticks. Short episodes are slow."""
+        self._broken_off, count = True, 0
+        try:
+            if most >= SHORTEST:
+                count, self._watch.standstill = self._episodes.advance(self._watch.standstill, most)
+        except NotFiniteError as error:
+            self._diverge(str(error))
+            count = 1
+        self._broken_off = False
+        return count
+
     def drive(self, request: Any) -> Measurement:
         """Advance one tick with the output of an external program. Return the measurement at the end of the tick.
 
@@ -178,7 +206,11 @@ class Simulation:
             self.outcome, self.reason = self._evaluation.ending()
             return
         loop.advance(tick.drive)
-        if plant.trouble() == "diverged":  # sensors and filters need finite numbers
+        self._read_sensors()
+
+    def _read_sensors(self) -> None:
+        """Read the sensors after the plant has moved, unless the plant has diverged."""
+        if self.loop.plant.trouble() == "diverged":  # sensors and filters need finite numbers
             self._diverge(f"the state of the plant ({self.scenario.plant.kind}) is not finite or exceeds 100 m/s")
             return
         self._sense()
@@ -314,7 +346,10 @@ class Simulation:
             return self._evaluation.log(self.outcome or "aborted", self.reason, wall_s, self.identity)
 
 
-OWN = {"scenario", "identity", "loop", "rows", "outcome", "reason", "_watch", "_evaluation", "_guard", "_broken_off"}
+OWN = {
+    *("scenario", "identity", "loop", "rows", "outcome", "reason"),
+    *("_watch", "_evaluation", "_episodes", "_guard", "_broken_off"),
+}
 """Names of the attributes that belong to `Simulation`; subclasses may add others."""
 
 

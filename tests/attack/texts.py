@@ -19,6 +19,7 @@ from agrobot_mj.plants import BicyclePlant, MujocoPlant
 from agrobot_mj.scenario.loading import scenario_files
 from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.sensors import Suite
+from agrobot_mj.simulation import stepping
 from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep
 
@@ -144,7 +145,7 @@ def injected(chance: random.Random) -> str:
         return held(message) if stage == "plant" else (found[0], message)
 
     try:
-        with patch.object(owner, method, spoilt):
+        with patch.object(owner, method, spoilt), patch.object(stepping, "SHORTEST", inf):
             log = run(s)
     except Exception:
         return f"{stage}.{changed}: {traceback.format_exc(limit=-3)}"

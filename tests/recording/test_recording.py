@@ -122,6 +122,7 @@ def test_recording_shows_pass_to_pass_accuracy_and_expected_outcome(tmp_path):
     assert f"| 1 | {numbers} |" in info
 
 
+@pytest.mark.usefixtures("single_ticks")
 def test_recording_of_an_aborted_run_is_complete_up_to_its_end(tmp_path):
     ticks = iter(range(10_000))
     path = tmp_path / "run.rrd"
@@ -212,6 +213,7 @@ def test_recording_without_disk_space_for_the_scene_fails_at_once(tmp_path):
         assert not (tmp_path / str(limit)).exists()
 
 
+@pytest.mark.usefixtures("single_ticks")
 def test_error_message_that_ends_a_run_is_in_the_recording(short, tmp_path, monkeypatch):
     monkeypatch.setattr(importlib.import_module("agrobot_mj.simulation.run"), "CHUNK_TICKS", 200)
 
@@ -232,6 +234,7 @@ def test_error_message_that_ends_a_run_is_in_the_recording(short, tmp_path, monk
     verify(path)
 
 
+@pytest.mark.usefixtures("single_ticks")
 def test_recording_of_a_slow_run_is_flushed_at_wall_time_intervals(monkeypatch, tmp_path):
     whole_runs = importlib.import_module("agrobot_mj.simulation.run")
 

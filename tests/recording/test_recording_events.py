@@ -80,6 +80,7 @@ def test_number_of_event_markers_is_limited(short, tmp_path):
     assert 20 < len(found) <= 50
 
 
+@pytest.mark.usefixtures("single_ticks")
 def test_early_end_of_a_run_is_marked(tmp_path):
     ticks, path = iter(range(10_000)), tmp_path / "run.rrd"
     run(load_scenario("straight_line"), (Recording(path),), lambda: next(ticks) == 229)

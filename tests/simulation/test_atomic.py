@@ -230,6 +230,7 @@ def test_step_interrupted_while_the_plant_advances_is_completed(monkeypatch):
     assert equal(driven(sim), driven(begun("mujoco", 0)))
 
 
+@pytest.mark.usefixtures("single_ticks")
 @pytest.mark.usefixtures("interruptible")
 def test_interrupts_end_a_run_only_between_ticks(monkeypatch):
     scenario, advance, ticks = load_scenario("hills", SHORT), MujocoPlant.advanced, []

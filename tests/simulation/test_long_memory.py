@@ -28,7 +28,7 @@ def log():
     values, poses = np.tile(rows.values[:200], (50, 1)), np.tile(rows.poses[:200], (50, 1, 1))
     while rows.filled < ROWS:
         values[:, rows.columns.index("t")] = (rows.filled + np.arange(len(values))) * TICK_S
-        rows._extend(values[: ROWS - rows.filled], poses[: ROWS - rows.filled])
+        rows.extend(values[: ROWS - rows.filled], poses[: ROWS - rows.filled])
     return Log(sim.scenario, rows, sim.loop.plant.scene, "aborted", 1.0)
 
 

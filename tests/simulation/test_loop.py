@@ -119,6 +119,7 @@ def test_run_far_from_its_reference_ends_as_diverged():
     assert (off[:-1] < 50).all()
 
 
+@pytest.mark.usefixtures("single_ticks")
 def test_diverging_physics_ends_the_run_before_the_sensors_are_evaluated(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     scenario = short(seconds=2.0)
@@ -138,6 +139,7 @@ def test_diverging_physics_ends_the_run_before_the_sensors_are_evaluated(tmp_pat
     assert not list(tmp_path.iterdir()), "MuJoCo's log in the working directory"
 
 
+@pytest.mark.usefixtures("single_ticks")
 def test_stop_request_aborts_the_run_and_keeps_its_rows():
     asked = iter(range(1000))
     log = run(short(seconds=30.0), should_stop=lambda: next(asked) == 17)

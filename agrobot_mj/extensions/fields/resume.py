@@ -64,7 +64,7 @@ class Interrupted:
             self.state = None
         due = time.monotonic() + EVERY_S
         while not sim.done:
-            sim.step()
+            sim.advance()
             yield  # signals take effect here
             stopped = self.stopped()
             if not sim.done and (stopped or time.monotonic() > due):

@@ -1,0 +1,568 @@
+"""Episodes: consecutive ticks of a run in one compiled call, without Python between the stages.
+
+An episode performs the same computation as `Loop` and gives the same bits. It consists of regular ticks: no faults, a
+receiver without latency, compiled stages, and no event. The stages are compiled separately and called by address
+(`core.calls`). An episode ends before a tick with an event, such as a change of the brake, the end of the path or a
+number that is not finite; `Simulation.step` then performs this tick.
+"""
+
+from math import hypot, inf, isfinite, isnan, nan
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+
+from agrobot_mj.control.base import Situation
+from agrobot_mj.control.deviation import Followed, Situated, law_form
+from agrobot_mj.control.evidence import Sensed
+from agrobot_mj.control.pid import STANDSTILL_S, LoopCommand, LoopsState
+from agrobot_mj.control.supervision import linked, supervisor_form, tracking
+from agrobot_mj.control.supervisor import Mode
+from agrobot_mj.core.calls import Linked, address_of, called
+from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import COMPILES, fetched, held, jit, stage
+from agrobot_mj.core.samples import STEP_M, WINDOW_M, reference_in
+from agrobot_mj.core.signals import (
+    NOMINAL,
+    TICK_S,
+    Drive,
+    Estimate,
+    Fix,
+    Index,
+    Matrix,
+    Measurement,
+    Quality,
+    Reference,
+    Truth,
+    Vector,
+)
+from agrobot_mj.estimation.base import Readings, estimator_form
+from agrobot_mj.paths.route import references_at
+from agrobot_mj.plants import MujocoPlant
+from agrobot_mj.plants.mujoco.c_api import fail
+from agrobot_mj.plants.mujoco.plant import DIVERGED_SPEED, ROLLOVER_COSINE
+from agrobot_mj.plants.mujoco.stepping import PlantCode, TractorMotion, look_form, report_form, steps_form
+from agrobot_mj.sensors.gnss import CLEAR
+from agrobot_mj.sensors.sensing import Addresses, Laws, SensorReadings, Values, sense
+from agrobot_mj.simulation.checks import ABSURD_STEER, is_finite, possible
+from agrobot_mj.simulation.columns import COLUMNS, write_row
+from agrobot_mj.simulation.log import Rows
+from agrobot_mj.simulation.loop import SATURATION_MARGIN, Loop
+from agrobot_mj.simulation.low_level import run_loops
+from agrobot_mj.simulation.outcomes import LOST_M, Standstill, is_stuck, standstill_after
+from agrobot_mj.simulation.receiver import MountedReceiver, at_axle, turned
+
+HISTORY_S = 6.0
+"""Time before a fault in which no episode is performed [s]: the estimator and the supervisor then store their history,
+which delayed fixes require."""
+SHORTEST = 5  # Minimum number of ticks for which an episode is faster than single ticks
+PAUSE = 10  # Number of single ticks after a tick that is not regular, before an episode is tried again
+LONGEST = 200  # Maximum number of ticks in an episode: 10 s of simulated time, about 20 ms of processor time
+FIXED, CURVATURE = Quality.FIX, Reference._fields.index("curvature")
+COMMON, TRACKING = len(COLUMNS), float(Mode.TRACKING)
+Poses = np.ndarray[tuple[int, int, int], np.dtype[np.float64]]
+
+
+class Code(NamedTuple):
+    """Addresses of the compiled functions of a scenario."""
+
+    sense: int
+    estimate: int
+    guide: int
+    supervise: int
+    loops: int
+    write: int
+
+
+class Links(NamedTuple):
+    """Constant parameters of the stages."""
+
+    sensors: Held[Laws]
+    streams: Held[Addresses]
+    settings: Held[Any]
+    filter: Held[Any]
+    guidance: Held[Any]
+    supervision: Held[Any]
+    loops: Held[Any]
+
+
+class Columns(NamedTuple):
+    """Column numbers of the values reported by the stages; -1 for a value that is not logged."""
+
+    sensed: Index
+    guided: Index
+    estimated: Index
+    implement: Index
+    mode: int
+    fix_age: int  # Numbers of the columns of the supervisor: mode, and time since the newest accepted fix
+
+
+class RunNumbers(NamedTuple):
+    """Numbers of a scenario for an episode."""
+
+    dual: bool  # Whether the receiver has two antennas
+    supervises: bool  # Whether the supervisor is active
+    timed: bool  # Whether the law follows a moving reference point, as `GuidanceLaw.timed`
+    follows: bool  # Whether the law follows the path
+    swings: bool  # Whether the antenna is on the implement
+    steer_limit: float  # Maximum steering angle [rad]
+    saturation: float  # Steering angle above which a command counts as saturated [rad]
+    braking: float  # Applied fraction of the brake torque [-]
+    columns: Columns
+
+
+class PlannedPath(NamedTuple):
+    """Path during an episode."""
+
+    leg: tuple[float, float]  # Arc lengths of the start and end of the leg [m]
+    sampled: float  # Arc length up to which the path is sampled [m], or infinity if it ends before
+    samples: Matrix
+    references: Matrix  # References of all ticks and of the next tick, as rows of `Reference`, shape (n + 1, 7)
+    heights: Vector  # Heights of the ground below the references, shape (n,) [m]
+    previews: Vector  # Curvatures for `Situated.preview`, shape (n,) [1/m]
+
+
+class Current(NamedTuple):
+    """State of a run between two ticks, after the sensors have been read."""
+
+    truth: Held[Truth]
+    motion: TractorMotion
+    clear: bool
+    ticks: int
+    values: Held[Values]
+    readings: SensorReadings
+    sound: bool  # Whether the numbers of the true state are finite
+    receiver: MountedReceiver
+    estimator: Held[Any]
+    estimate: Held[Estimate]
+    estimated: Vector  # Values of the estimator's columns
+    guidance: Held[Any]
+    followed: Followed  # Last result of the guidance law
+    guided: Vector  # Values of the columns of the guidance law
+    supervision: Held[Any]
+    loops: LoopsState
+    drive: Drive
+    pedal: float  # Pedal position measured before the last tick [-]
+    standstill: Standstill
+
+
+_sense, _estimate, _guide, _supervise = called(sense), called(estimator_form), called(law_form), called(supervisor_form)
+_loops, _write = called(run_loops), called(write_row)
+_steps, _look, _report = called(steps_form), called(look_form), called(report_form)
+DONE, EVENT, TROUBLE, INVALID, FAILED = range(5)
+"""Reasons for the end of an episode: length reached; event in the next tick; trouble of the plant after the last tick,
+before the sensors are read; invalid measurement or estimate after the last tick; error of MuJoCo."""
+
+
+class Planned(NamedTuple):
+    """Decisions of a tick before the plant moves. `Current` describes the fields without a comment."""
+
+    regular: bool  # Whether the episode may perform the tick
+    guidance: Held[Any]
+    followed: Followed
+    guided: Vector
+    supervision: Held[Any]
+    shown: tuple[float, float, float]  # Values shown by the supervisor, as `SupervisorState.shown`
+    loops: LoopsState
+    drive: Drive
+
+
+@jit
+def _readings(now: Current) -> Readings:
+    r, t = now.readings, now.readings.gnss[4]
+    return Readings(t, r.gyro, r.wheel_speed, r.steering_pot, r.imu.roll, r.imu.pitch)
+
+
+@jit
+def _fix(now: Current, s: RunNumbers, moved: bool) -> Fix:
+    """Return the fix of the last tick, at the rear axle if `moved`."""
+    x, y, vx, vy, t, z = now.readings.gnss
+    fix = Fix(x, y, vx, vy, t, z, wrap(now.readings.heading) if s.dual else nan)
+    arm = now.receiver.arm
+    return at_axle(now.receiver, _readings(now), fix) if moved and not (arm[0] == 0.0 and arm[1] == 0.0) else fix
+
+
+@jit
+def _decided(
+    now: Current, code: Code, links: Links, s: RunNumbers, path: PlannedPath, r: Reference, preview: float
+) -> Planned:
+    """Return the decisions of guidance law, supervisor and low-level loops."""
+    near, m = now.followed.s, now.readings
+    seen = Situated(now.estimate, m.steering_pot, path.leg[0], path.leg[1], near, preview)
+    last = now.followed.direction, now.followed.speed
+    done, (guidance, found, most, guided) = _guide(
+        code.guide, (links.guidance, now.guidance, last, path.samples, seen, r, TICK_S)
+    )
+    reach = most + STEP_M if isnan(near) else max(most + STEP_M, max(near, path.leg[0]) + WINDOW_M)
+    regular = (
+        done and isfinite(found.steer + found.speed) and abs(found.steer) <= ABSURD_STEER and reach <= path.sampled
+    )
+    regular = regular and not (s.follows and now.loops.brake.standing_s >= STANDSTILL_S)
+    steer = min(max(found.steer, -s.steer_limit), s.steer_limit)
+    supervision, shown = now.supervision, (0.0, 0.0, 0.0)
+    if s.supervises and regular:
+        angles = m.imu
+        sensed = Sensed(
+            m.gnss[4], m.steering_pot, m.pedal_pot, m.gyro, angles.roll, angles.pitch, m.wheel_speed,
+            (angles.force_x, angles.force_y, angles.force_z),
+        )  # fmt: skip
+        arguments = links.supervision, now.supervision, path.samples, seen, sensed, _fix(now, s, not s.swings), FIXED
+        done, (supervision, shown, tracks) = _supervise(
+            code.supervise, (*arguments, steer, found.speed, now.loops.speed.reference, path.sampled, TICK_S)
+        )
+        regular = done and tracks
+    command = LoopCommand(steer, found.speed, nan, nan, r.vx == 0.0 and r.vy == 0.0)
+    done, (loops, (steering, pedal, brake)) = _loops(
+        code.loops, (links.loops, now.loops, command, now.estimate, m.steering_pot, m.pedal_pot, TICK_S)
+    )
+    regular = regular and done and isfinite(steering + pedal) and brake == s.braking
+    return Planned(regular, guidance, found, guided, supervision, shown, loops, Drive(steering, pedal, brake))
+
+
+@jit
+def _logged(
+    now: Current, planned: Planned, code: Code, plant: PlantCode, s: RunNumbers, r: Reference, height: float,
+    row: Vector, poses: Matrix,
+) -> tuple[Standstill, bool]:  # fmt: skip
+    """Write the row of the log. Return the standstill, and whether the run ends."""
+    m, d, pedal_ref = now.readings, planned.drive, planned.loops.speed.reference
+    steer_ref = planned.loops.steering.reference
+    saturated = 1.0 if abs(steer_ref) > s.saturation else 0.0
+    others = (float(FIXED), m.steering_pot, m.pedal_pot, height, planned.followed.speed, steer_ref, pedal_ref)
+    written, here = _write(
+        code.write,
+        (row, now.truth, _fix(now, s, False), now.estimate, r, d, now.motion.actuation, (*others, saturated, 0.0)),
+    )
+    k, done = COMMON, True
+    for quantity in range(6):
+        for wheel in range(4):
+            row[k] = plant.wheels[wheel, quantity]
+            k += 1
+    if plant.reports:
+        done, report = _report(plant.report, (plant.rig,))
+        for i, value in enumerate(report):
+            row[s.columns.implement[i]] = value
+    for body in range(poses.shape[0]):
+        for i in range(3):
+            poses[body, i] = plant.positions[body, i]
+        for i in range(4):
+            poses[body, 3 + i] = plant.quaternions[body, i]
+    angles, implement = m.imu, m.implement_gnss
+    sensed = (
+        m.gnss[5], wrap(m.heading) if s.dual else nan, m.gyro, angles.roll, angles.pitch, angles.force_x,
+        angles.force_y, angles.force_z, m.wheel_speed, m.radar_speed, implement.x, implement.y,
+    )  # fmt: skip
+    for i, value in enumerate(sensed):
+        if s.columns.sensed[i] >= 0:
+            row[s.columns.sensed[i]] = value
+    _scatter(row, s.columns.guided, planned.guided)
+    _scatter(row, s.columns.estimated, now.estimated)
+    if s.supervises:
+        row[s.columns.mode], row[s.columns.fix_age] = TRACKING, planned.shown[0]
+    distance = hypot(r.x - here.x, r.y - here.y) if s.timed else 0.0
+    standstill = standstill_after(now.standstill, here, distance, pedal_ref, s.follows)
+    return standstill, not (written and done) or not distance < LOST_M or is_stuck(standstill, distance)
+
+
+@jit
+def _scatter(row: Vector, columns: Index, values: Vector) -> None:
+    for i in range(columns.size):
+        row[columns[i]] = values[i]
+
+
+@jit
+def _moved(now: Current, drive: Drive, plant: PlantCode) -> tuple[bool, Held[Truth], TractorMotion, bool]:
+    """Advance the plant by a tick. Return whether no error occurred, the true state, the motion and the clearance."""
+    volts = drive.steer_voltage, nan if drive.brake > 0.0 else drive.pedal_voltage
+    steps, done, count, clear = plant.samples.shape[1], True, 0, now.clear
+    if clear:
+        plant.flags[0] = plant.contactless
+        done, (count, clear) = _steps(plant.steps, (plant.rig, volts, 0, True))
+        plant.flags[0] = plant.plain
+    if done and 0 <= count < steps:
+        done, (count, clear) = _steps(plant.steps, (plant.rig, volts, count, False))
+    t = (now.ticks + 1) * TICK_S
+    looked, (truth, motion) = _look(plant.look, (plant.rig, plant.samples, t, plant.radius))
+    return done and count == steps and looked, truth, motion, clear
+
+
+@jit
+def _sensed(now: Current, code: Code, links: Links, steer: Vector) -> tuple[bool, Current]:
+    """Read the sensors. Return whether no error occurred, and the new state."""
+    done, (values, m, sound) = _sense(code.sense, (links.sensors, now.values, links.streams, now.truth, CLEAR, steer))
+    return done, Current(
+        now.truth, now.motion, now.clear, now.ticks, values if done else now.values, m, sound, now.receiver,
+        now.estimator, now.estimate, now.estimated, now.guidance, now.followed, now.guided, now.supervision, now.loops,
+        now.drive, now.pedal, now.standstill,
+    )  # fmt: skip
+
+
+@jit
+def _is_valid(now: Current, s: RunNumbers) -> bool:
+    """Return whether the measurement needs no replacement, as in `checks.Reception`."""
+    m, angles = now.readings, now.readings.imu
+    valid = now.sound and isfinite(m.steering_pot + m.pedal_pot) and possible(_fix(now, s, False))
+    for value in (m.gyro, angles.roll, angles.pitch, m.wheel_speed):
+        valid = valid and abs(value) != inf
+    return valid
+
+
+@jit
+def _estimated(now: Current, code: Code, links: Links, s: RunNumbers) -> tuple[bool, Current]:
+    """Update the estimate. Return whether the estimate is finite, and the new state."""
+    seen, fix = _readings(now), _fix(now, s, True)
+    done, (estimator, estimate, shown) = _estimate(
+        code.estimate, (links.settings, links.filter, now.estimator, seen, fix, FIXED, TICK_S)
+    )
+    if not (done and is_finite(estimate)):
+        return False, now
+    e, receiver = fetched(estimate), now.receiver
+    if not (receiver.arm[0] == 0.0 and receiver.arm[1] == 0.0):
+        receiver = turned(receiver, seen, e.yaw, e.speed, TICK_S)
+    return True, Current(
+        now.truth, now.motion, now.clear, now.ticks, now.values, now.readings, now.sound, receiver, estimator, estimate,
+        shown, now.guidance, now.followed, now.guided, now.supervision, now.loops, now.drive, now.pedal, now.standstill,
+    )  # fmt: skip
+
+
+@stage
+def advance(
+    now: Current, code: Code, plant: PlantCode, links: Links, s: RunNumbers, path: PlannedPath, values: Matrix,
+    poses: Poses, steer: Vector,
+) -> tuple[Current, int, int]:  # fmt: skip
+    """Return the state after an episode, the number of its ticks, and the reason for its end.
+
+    The rows of the log are written to `values` and `poses`. `steer` is an empty array.
+    """
+    for k in range(path.heights.size):
+        r = reference_in(path.references, k)
+        planned = _decided(now, code, links, s, path, r, path.previews[k])
+        if not planned.regular:
+            return now, k, EVENT
+        standstill, ends = _logged(now, planned, code, plant, s, r, path.heights[k], values[k], poses[k])
+        if ends:
+            return now, k, EVENT
+        moved, truth, motion, clear = _moved(now, planned.drive, plant)
+        if not moved:
+            return now, k, FAILED
+        now = Current(
+            truth, motion, clear, now.ticks + 1, now.values, now.readings, now.sound, now.receiver, now.estimator,
+            now.estimate, now.estimated, planned.guidance, planned.followed, planned.guided, planned.supervision,
+            planned.loops, planned.drive, now.readings.pedal_pot, standstill,
+        )  # fmt: skip
+        x, y, (x_min, x_max, y_min, y_max) = motion.cg.place[0], motion.cg.place[1], plant.extent
+        inside = x_min <= x <= x_max and y_min <= y <= y_max
+        fallen = motion.lean_cosine < ROLLOVER_COSINE or motion.folded
+        if motion.fastest > DIVERGED_SPEED or fallen or not inside:
+            return now, k + 1, TROUBLE
+        sensed, now = _sensed(now, code, links, steer)
+        if not sensed:
+            return now, k, FAILED
+        estimates = _is_valid(now, s)
+        if estimates:
+            estimates, now = _estimated(now, code, links, s)
+        if not estimates:
+            return now, k + 1, INVALID
+    return now, path.heights.size, DONE
+
+
+LinkedStages = tuple[Linked, Linked, Linked | None]
+"""Estimator, guidance law, and the supervisor unless it is inactive."""
+NO_SAMPLES = np.zeros(0)
+SENSED = (
+    *("gnss_z", "gnss_heading", "gyro", "imu_roll", "imu_pitch", "imu_force_x", "imu_force_y", "imu_force_z"),
+    *("wheel_speed", "radar_speed", "implement_gnss_x", "implement_gnss_y"),
+)
+"""Columns of the sensors, in the order in which `_logged` writes them."""
+AHEAD_M = 30.0  # Distance up to which the path is sampled ahead of the tractor, in addition to the driven distance [m]
+
+
+def _code(stages: LinkedStages) -> Code:
+    estimator, guidance, supervision = stages
+    return Code(
+        sense=address_of(sense, sense),
+        estimate=address_of(estimator.function, estimator_form),
+        guide=address_of(guidance.function, law_form),
+        supervise=address_of(supervision.function, supervisor_form) if supervision else 0,
+        loops=address_of(run_loops, run_loops),
+        write=address_of(write_row, write_row),
+    )
+
+
+class Episodes:
+    """Compiled ticks of the run of a `Loop`, whose log is written to `Rows`."""
+
+    def __init__(self, loop: Loop, rows: Rows) -> None:
+        """Prepare the episodes of a run. Runs with interpreted stages have no episodes."""
+        self.loop, self.rows, self.paused = loop, rows, -PAUSE
+        s, plant = loop.scenario, loop.plant
+        plain = loop.suite.plain and loop.suite.compiled_only and loop.loops.part.other is None and COMPILES
+        self.possible = plain and type(plant) is MujocoPlant and loop.estimator.method == "updated"
+        place = {column: k for k, column in enumerate(rows.columns)}
+        parts = loop.guidance, s.estimator, plant
+        names = SENSED, *([column.name for column in part.columns] for part in parts)
+        groups: Any = [np.array([place.get(name, -1) for name in group], dtype=np.int64) for group in names]
+        sensed, guided, shown, implement = groups
+        self.columns = Columns(
+            sensed, guided, shown, implement, place.get("supervisor_state", -1), place.get("fix_age", -1)
+        )
+
+    def _stages(self) -> LinkedStages | None:
+        """Return the estimator, the guidance law and the supervisor, or None if the next tick is not regular."""
+        loop, state = self.loop, self.loop.stages
+        sensors = state.sensors.sensors
+        s, regular = loop.scenario, self.possible and loop.has_sensed and state.conditions is NOMINAL
+        if not regular or sensors.delivery.pending or loop.plant.trouble() is not None:
+            return None
+        estimator, guidance = s.estimator.linked(state.estimator), loop.guidance.linked(state.guidance, s.tractor)
+        if estimator is None or guidance is None:
+            return None
+        if not loop.supervisor.enabled:
+            return estimator, guidance, None
+        supervision = linked(loop.supervisor, state.supervisor, s.tractor, loop.towed, s.sensors.gyro.enabled)
+        return supervision and (estimator, guidance, supervision)
+
+    def advance(self, standstill: Standstill, most: int) -> tuple[int, Standstill]:
+        """Perform an episode of at most `most` ticks; return the number of its ticks, and the standstill after it.
+
+        Raises `mujoco.FatalError` if MuJoCo reports an error. After the last tick the sensors have not been read if the
+        plant has trouble, and the estimate is missing if a number is invalid.
+        """
+        rows = self.rows
+        if 0 <= rows.filled - self.paused < PAUSE or (stages := self._stages()) is None:
+            return 0, standstill
+        found = self._perform(stages, standstill, most)
+        if not found[0]:
+            self.paused = rows.filled
+        return found
+
+    def _perform(self, stages: LinkedStages, standstill: Standstill, most: int) -> tuple[int, Standstill]:
+        rows, plant, (measured, situation) = self.rows, cast(MujocoPlant, self.loop.plant), self.loop.now()
+        code = plant.code()
+        try:
+            planned = self._planned(most, stages[1])
+        except Exception:  # of a path: raised again at the time at which a single tick requires the reference
+            return 0, standstill
+        count = len(planned.heights)
+        if code is None or not count or measured.fix is None:
+            return 0, standstill
+        values: Any = np.full((count, len(rows.columns)), nan)
+        poses: Any = np.empty((count, len(rows.poses[0]), 7))
+        now, links = self._present(stages, measured, situation, standstill), self._links(stages)
+        found, done, reason = advance(
+            now, _code(stages), code, links, self._setting(stages), planned, values, poses, NO_SAMPLES
+        )
+        if reason == FAILED:
+            fail()
+        rows.extend(values[:done], poses[:done])
+        if done:
+            sensed = Reference(*planned.references[done].tolist()) if reason in (DONE, EVENT) else None
+            self._resume(found, sensed, reason == INVALID)
+        return done, found.standstill
+
+    def _planned(self, most: int, guidance: Linked) -> PlannedPath:
+        """Return the path for an episode of at most `most` ticks.
+
+        The episode ends before the last row, the end of the path, the next leg and, by HISTORY_S, the next fault.
+        """
+        loop, rows, path, near = self.loop, self.rows, self.loop.scenario.path, guidance.inputs.s
+        times: Any = (cast(MujocoPlant, loop.plant).ticks + np.arange(most + 1)) * TICK_S
+        t, ahead = float(times[0]), 0.0 if isnan(near) else near + AHEAD_M
+        ahead += 2.0 * path.speed_m_s * most * TICK_S
+        samples, legs, sampled = loop.route.sampled(float(times[-1]), ahead)
+        leg = int(np.searchsorted(legs[:, 0], t, "right")) - 1
+        low, (until, high) = float(legs[leg, 1]), legs[leg + 1] if leg + 1 < len(legs) else (inf, inf)
+        begins = min((fault.start_s for fault in loop.scenario.fault if fault.last_s > t), default=inf)
+        end = path.duration_s if path.ends else inf
+        count = min(int(np.searchsorted(times, min(until, end))), int(np.searchsorted(times + HISTORY_S, begins)) - 1)
+        count = max(min(count, most, len(rows.values) - 1 - rows.filled), 0)
+        references, height, preview_s = references_at(path, times[: count + 1]), loop.height, guidance.preview_s
+        return PlannedPath(
+            leg=(low, float(high)),
+            sampled=sampled,
+            samples=samples,
+            references=references,
+            heights=np.array([height(loop.ground, x, y)[0] for x, y in references[:count, :2].tolist()]),
+            previews=np.full(count, nan)
+            if isnan(preview_s)
+            else references_at(path, times[:count] + preview_s)[:, CURVATURE].copy(),
+        )
+
+    def _links(self, stages: LinkedStages) -> Links:
+        estimator, guidance, supervision = stages
+        loop, generators = self.loop, self.loop.stages.sensors.sensors.generators
+        return Links(
+            *loop.suite.compiled_form(generators, cast(MujocoPlant, loop.plant).samples.shape[1]),
+            *(estimator.law, estimator.inputs, guidance.law, supervision.law if supervision else guidance.law),
+            loop.loops.part.law,
+        )
+
+    def _setting(self, stages: LinkedStages) -> RunNumbers:
+        loop, s = self.loop, self.loop.scenario
+        limit, plant = s.tractor.steer_limit, cast(MujocoPlant, loop.plant)
+        return RunNumbers(
+            dual=s.sensors.gnss.dual_antenna.enabled,
+            supervises=stages[2] is not None,
+            timed=loop.guidance.timed,
+            follows=loop.guidance.follows_path,
+            swings=loop.towed.antenna != 0.0,
+            steer_limit=limit,
+            saturation=limit - SATURATION_MARGIN,
+            braking=plant.braking,
+            columns=self.columns,
+        )
+
+    def _present(
+        self,
+        stages: LinkedStages,
+        measured: Measurement,
+        situation: Situation,
+        standstill: Standstill,
+    ) -> Current:
+        estimator, guidance, supervision = stages
+        loop, state, plant = self.loop, self.loop.stages, cast(MujocoPlant, self.loop.plant)
+        filters = loop.scenario.estimator
+        return Current(
+            truth=loop.seen,
+            motion=plant.motion,
+            clear=plant.clear,
+            ticks=plant.ticks,
+            values=state.sensors.sensors.values,
+            readings=loop.suite.readings_of(measured, state.sensors.sensors.delivery.heading.last),
+            sound=True,
+            receiver=state.receiver,
+            estimator=estimator.state,
+            estimate=held(situation.estimate),
+            estimated=np.array(filters.report(state.estimator), dtype=float),
+            guidance=guidance.state,
+            followed=guidance.inputs,
+            guided=NO_SAMPLES,
+            supervision=supervision.state if supervision else guidance.state,
+            loops=LoopsState(state.speed, state.steering, state.brake),
+            drive=Drive(nan, nan),
+            pedal=nan,
+            standstill=standstill,
+        )
+
+    def _resume(self, now: Current, reference: Reference | None, invalid: bool) -> None:
+        """Set the states of loop and plant after an episode of at least one tick.
+
+        `reference` is the reference of the current tick, or None if there is no valid estimate for it. `invalid` is
+        whether the sensors have been read.
+        """
+        loop, state = self.loop, self.loop.stages
+        cast(MujocoPlant, loop.plant).resume(now.truth, now.motion, now.clear, now.ticks)
+        loop.seen, state.wiring, loop.has_sensed = now.truth, now.drive, False
+        state.guidance = loop.guidance.resumed(state.guidance, now.guidance, now.followed, now.guided)
+        if loop.supervisor.enabled:
+            state.supervisor = tracking(state.supervisor, now.supervision, now.pedal)
+        state.speed, state.steering, state.brake = now.loops
+        state.receiver = now.receiver
+        state.estimator = loop.scenario.estimator.resumed(state.estimator, now.estimator, now.estimated)
+        sensors, measured = loop.suite.immediate(state.sensors.sensors, now.values, now.readings, now.sound)
+        if invalid:
+            loop.receive(sensors, measured)
+            return
+        state.sensors = state.sensors._replace(sensors=sensors, steer=measured.steer, pedal=measured.pedal)
+        if reference is not None:
+            loop.sensed, loop.has_sensed = (measured, loop.situation(measured, now.estimate, reference)), True
