@@ -141,7 +141,7 @@ class FieldDrive:
 
     def swaths(self) -> list[WorkedPass]:
         """Return the swaths on the body of the field, with the motion of the implement on each swath."""
-        planned = planned_motion(self.plan)
+        planned = planned_motion(self.plan, self.log.scenario.tractor.cg_to_rear_axle)
         return [
             WorkedPass(planned.between(one.start, one.end), self.motion.between(*span))
             for one, span in zip(self.plan.passes, self.spans(), strict=True)

@@ -5,6 +5,10 @@ import pytest
 
 from agrobot_mj.extensions.fields.boom import ImplementMotion
 from agrobot_mj.extensions.fields.operations import WorkedPass, pass_to_pass
+from agrobot_mj.extensions.fields.plan import Plan
+from agrobot_mj.extensions.fields.planned import planned_motion
+from agrobot_mj.paths.arc import Pose
+from agrobot_mj.paths.track import Piece
 
 SPACING = 3.0
 
@@ -62,3 +66,13 @@ def test_parts_beyond_the_ends_of_a_pass_are_not_compared():
 def test_oblique_passes_are_not_neighbours():
     passes = [straight(0.0, 0.0), *(straight(SPACING, 0.3, angle=angle) for angle in (0.7, 1.4, 2.5))]
     assert pass_to_pass(passes, SPACING)["pass_to_pass_p95_m"] is None
+
+
+@pytest.mark.parametrize(("behind", "length"), [(2.5, 1.0), (1.0, 1.0), (2.5, 0.0)])
+def test_planned_implement_follows_the_closed_form_on_an_arc(behind, length):
+    """The rear axle is `length` behind the CG and points to the centre; the implement is in line with both."""
+    radius = 20.0
+    plan = Plan("arc", 3.0, behind, Pose(radius, 0.0, np.pi / 2), (Piece(60.0, 1 / radius),), ())
+    found = planned_motion(plan, length)
+    expected = np.hypot(np.sqrt(radius**2 - length**2), behind - length)
+    assert np.hypot(found.x, found.y)[-1] == pytest.approx(expected, abs=1e-6)
