@@ -78,7 +78,7 @@ class Study:
         if content is None or len(rows := read_rows(folder)) < content["runs"]:
             return []
         if content["of"]["program"] != PROGRAM:
-            raise SystemExit(f"{folder}: the results come from different code; remove the folder and run again")
+            raise SystemExit(f"{folder}: the results come from another code version; remove the folder and run again")
         return rows
 
     def done(self, name: str, perform: Callable[[Any], Row], jobs: Sequence[Any]) -> list[Row]:

@@ -38,7 +38,7 @@ def test_steering_board_maps_full_lock_to_the_stops():
     assert readings == pytest.approx([RIGHT, RIGHT, CENTRE, LEFT, LEFT])
 
 
-def test_motor_is_off_in_the_dead_band_and_above_a_minimum_outside():
+def test_motor_command_is_zero_in_the_dead_band_and_at_least_150_outside():
     drives = [Board().drive(error) for error in (10.0, -10.0, 11.0, -11.0, 200.0, 400.0)]
     assert drives == [0.0, 0.0, 150.0, -150.0, 200.0, 255.0]
     assert [Board().voltage(error) for error in (0.0, 400.0, -400.0)] == [6.0, 12.0, 0.0]

@@ -39,7 +39,7 @@ def test_runs_of_other_source_versions_are_not_plotted(tmp_path):
     content = json.loads(plan.read_text())
     content["of"]["program"] = "0" * 16
     plan.write_text(json.dumps(content))
-    with pytest.raises(SystemExit, match="different code"):
+    with pytest.raises(SystemExit, match="another code version"):
         study(tmp_path, "--only-draw").rows("printed")
 
 

@@ -1,7 +1,7 @@
 """Cascade of guidance law and yaw controller as one compiled function per tick.
 
-The function computes the same as `Cascade.update` for the laws `kinematic` and `feedforward`. The yaw controller is
-called by its address.
+For the laws `kinematic` and `feedforward`, the function gives the same results as `Cascade.update`. The yaw controller
+is called by its address.
 """
 
 from math import atan, inf, isfinite, nan
@@ -34,7 +34,7 @@ _controller = called(controller_form)
 
 
 class CascadeNumbers(NamedTuple):
-    """Parameters of a `CascadeLaw` and its tractor, and the yaw controller. `CascadeLaw` describes other fields."""
+    """Parameters of a `CascadeLaw`, its tractor and its yaw controller. `CascadeLaw` describes uncommented fields."""
 
     saturation: float
     gain: float
@@ -66,7 +66,7 @@ def cascade_tick(
     law: Held[CascadeNumbers], state: Held[CascadeMemory], last: tuple[float, float], samples: Matrix, seen: Situated,
     r: Reference, dt: float,
 ) -> tuple[Held[CascadeMemory], Followed, float, Vector]:  # fmt: skip
-    """Return the new state, the command, the required length of the sampled path (none), and the values of the columns.
+    """Return the new state, the command, the required length of the sampled path (none: -inf), and the column values.
 
     A command that is not finite means that the tick has failed.
     """
@@ -98,7 +98,7 @@ def cascade_tick(
 
 
 def linked(law: Cascade, state: CascadeState, machine: TractorParameters) -> Linked | None:
-    """Return the cascade for compiled ticks, or None for another law, a speed network or an interpreted controller."""
+    """Return the cascade for compiled ticks, or None for other laws, a speed network or a yaw controller in Python."""
     outer, controller = law.law, law.controller.linked(state.controller)
     if type(outer) not in (Kinematic, Feedforward) or outer.speed_network or controller is None:
         return None

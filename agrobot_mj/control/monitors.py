@@ -40,8 +40,8 @@ AGREEING = 0.15
 """Maximum difference between wheel speed and fix speed that counts as agreement, divided by the wheel speed [-]; the
 constant `OVERSPEED_M_S` is added. Assumed value that allows for wheel slip."""
 SWAYING_M_S = 0.8
-"""Speed [m/s] below which the limit of the course monitor increases as 1 / speed, because the antenna oscillates.
-Assumed value."""
+"""Speed [m/s] below which the limit of the course monitor increases as 1 / speed, because the oscillation of the
+antenna then rotates the fix velocity more. Assumed value."""
 CLOSER_M, STRAYING_M = 0.1, 0.5
 """Limits [m] for a tractor that has not yet been within `max_cross_track_m` of the path. `CLOSER_M`: decrease of the
 minimum distance from the path that counts as an approach. `STRAYING_M`: accepted increase above the minimum distance.
@@ -172,9 +172,9 @@ class SupervisorLimits(Reporting):
     """Maximum duration of a repeated position while moving, or of a repeated yaw rate while turning [s]. Assumed value
     (0.2-1): the noise of a working sensor prevents repetition."""
     max_course_mismatch_deg: Positive = 8.0
-    """Maximum rotation of the course of the fixes relative to the gyro heading [deg]: difference between the means over
-    2 s and 10 s. The limit increases below 0.8 m/s. Assumed value (range 6-15): ridges at 3 m/s cause 6 deg, and a
-    gyro bias of 1 deg/s causes 8 deg."""
+    """Maximum rotation of the direction of motion relative to the gyro heading [deg]: angle between the means of the
+    fix velocity in the gyro frame over 2 s and 10 s. The limit increases below 0.8 m/s. Assumed value (range 6-15):
+    ridges at 3 m/s cause 6 deg, and a gyro bias of 1 deg/s causes 8 deg."""
     max_fix_drift_m: Positive = 0.3
     """Maximum difference between fix positions and integrated fix velocities, accumulated over about 60 s [m]. The
     limit is higher for receivers with a low rate and on rough ground. Assumed value (range 0.3-1): white velocity noise

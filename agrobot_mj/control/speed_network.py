@@ -1,4 +1,4 @@
-"""Network for speed control, as suggested in section III-B of the paper.
+"""Network for speed control, as suggested in section III-B of [Kayacan2015].
 
 The network is in parallel with a proportional controller:  u_command = u_ref + tau_c - tau_n,  tau_c = k_P (u_ref - u).
 The inputs of the network are u_ref - u [m/s] and the filtered derivative of this error [m/s2]; the network is trained

@@ -33,8 +33,8 @@ DRAUGHT = 3.0
 """Pull of a working implement, divided by the mass on the rear axle [m/s2]. Assumed value: the draught is one sixth
 (range 0.1-0.3) of the tractor's weight."""
 HOPPING = 0.3
-"""Variation of the vertical specific force divided by g [-] that doubles the random walks of sideslip and wheel scale.
-Assumed value: 3 cm ridges cause 0.3 at 1.8 m/s and 1 at 3 m/s, other ground at most 0.15."""
+"""Value of `Sums.hopping` [-] at which the standard deviations of the sideslip and wheel-scale random walks double.
+Assumed value: ridges of 3 cm cause 0.3 at 1.8 m/s and 1 at 3 m/s, other ground at most 0.15."""
 ROCKING_S = 2.0  # Time constant for averaging the antenna oscillation and the vertical force [s]. Assumed value.
 SPEEDS_S = 1.0  # Time constant for smoothing wheel and fix speeds before comparison [s]. Assumed value.
 SLIPPING = 0.97  # Ratio of fix speed to wheel speed below which the wheels spin [-]. Assumed value.

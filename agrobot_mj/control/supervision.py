@@ -64,7 +64,7 @@ def supervised(
     law: Held[SupervisionLaw], state: Held[Supervision], samples: Matrix, seen: Situated, m: Sensed, fix: Fix,
     quality: int, steer: float, speed: float, pedal: float, sampled: float, dt: float,
 ) -> tuple[Held[Supervision], tuple[float, float, float], bool]:  # fmt: skip
-    """Return the new state, `Supervision.shown`, and whether the mode remains TRACKING, after a tick with a fix.
+    """Return the new state, `Supervision.shown`, and whether the mode remains TRACKING, after a tick with an RTK fix.
 
     `steer` [rad] and `speed` [m/s] are the command of the guidance law; `pedal` is the last pedal reference [-].
     The path is sampled up to the arc length `sampled` [m].
@@ -97,7 +97,7 @@ def supervised(
 def linked(
     supervisor: Supervisor, state: SupervisorState, machine: TractorParameters, towed: TowedImplement, gyro: bool
 ) -> Linked | None:
-    """Return the supervisor for compiled ticks, or None if it does not track a path with a known heading.
+    """Return the supervisor for compiled ticks, or None if it is not tracking a path with a known heading.
 
     `gyro` is whether the tractor has a gyro.
     """

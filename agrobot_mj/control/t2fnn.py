@@ -117,7 +117,7 @@ class T2Fnn(Spec):
     ) -> tuple[T2FnnState, float]:
         """Move the centres, compute tau_n [rad], and train the other parameters on tau_c [rad] for `dt` [s].
 
-        Guard 6: with `learn=False` only the centres change.
+        With `learn=False` only the centres change (guard 6).
         """
         known = ((state.x1, x1), (state.x2, x2))
         last = (self._bounded(new) if old is None else float(old) for old, new in known)

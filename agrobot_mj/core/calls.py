@@ -21,7 +21,7 @@ from agrobot_mj.core.kernels import code_of, declared
 
 
 class Linked(NamedTuple):
-    """Stage in the form that compiled code calls by its address."""
+    """Stage that compiled code calls by address."""
 
     function: Any  # Compiled function of a tick, a `stage` or the result of `bound`
     law: Held[Any]  # Parameters of the stage
@@ -31,7 +31,7 @@ class Linked(NamedTuple):
 
 
 def called(form: Any) -> Callable[..., Any]:
-    """Return a kernel function `call(address, arguments)` for functions that are annotated as `form`.
+    """Return a kernel function `call(address, arguments)` that calls functions with the annotations of `form`.
 
     The arguments are a tuple of the annotated types; a reference to any state matches `Held[Any]`. The call returns
     whether the function succeeded, and its result, which is zero after an error.

@@ -97,7 +97,7 @@ class _Repeated:
 
 
 def _walk(loc: tuple[Any, ...], data: Any, root: type[Spec]) -> tuple[list[str], type[Spec] | None]:
-    """Return the keys in the location of a pydantic error, without union tags, and the class with the last key."""
+    """Return the keys in the location of a pydantic error, without union tags, and the class that has the last key."""
     keys: list[str] = []
     owner: type[Spec] | None = root
     following: type[Spec] | None = root

@@ -123,7 +123,7 @@ class EkfFull(CompiledEstimator):
     """Random walk of the relative wheel-speed error [1/sqrt(s)]. Assumed value (range 0.0005-0.003) for slip
     changes."""
     compliance_walk_deg_s2_m_rt_s: Positive = 0.005
-    """Random walk of the rear-tyre compliance [deg s2/m/sqrt(s)]. Assumed value: sliding doubles the compliance."""
+    """Random walk of the rear-tyre compliance [deg s2/m/sqrt(s)]. Assumed value: the compliance doubles in slides."""
     turn_offset_walk_m_rt_m: Positive = 0.004
     """Random walk of the turn offset over the distance [m/sqrt(m)]. Assumed value for changes of 0.05 m between bends
     in ruts and on tilled soil."""

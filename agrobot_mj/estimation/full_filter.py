@@ -273,7 +273,7 @@ def _rows(f: FullFilter, core: Core, fix: Fix, gap: float, sway: float, side: Si
 
 @jit
 def _gated_position(gates: Gates, rows: FixRows, r: Rejections, t: float) -> tuple[bool, bool, Rejections]:
-    """Return whether the position of a fix passes its gate, whether the position restarts, and the new `Rejections`."""
+    """Return whether a position passes its gate, whether the estimate is reset to it, and the new `Rejections`."""
     y = rows.innovation
     if rows.position_nis < gates.nis or sqrt(y[0] * y[0] + y[1] * y[1]) < gates.position:
         return True, False, accepted(r, t)
@@ -289,7 +289,7 @@ def _gated_position(gates: Gates, rows: FixRows, r: Rejections, t: float) -> tup
 
 @jit
 def _gated_velocity(gates: Gates, rows: FixRows, r: Rejections) -> tuple[bool, bool, Rejections]:
-    """Return whether the fix velocity passes its gate, whether the yaw search restarts, and the new `Rejections`."""
+    """Return whether a velocity passes its gate, whether the search for the yaw restarts, and new `Rejections`."""
     y, t = rows.innovation, r.accepted_t
     if rows.velocity_nis < gates.nis or sqrt(y[2] * y[2] + y[3] * y[3]) < gates.velocity:
         return True, False, Rejections(t, r.probation, r.position, 0, r.positions, r.velocities, r.restarts)

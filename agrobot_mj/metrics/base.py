@@ -119,7 +119,7 @@ def rows_until(t: Array, times: Sequence[float], side: Literal["left", "right"] 
 
 
 def mean(values: Array, power: int = 1) -> float | None:
-    """Return the mean of the finite values, each raised to `power`, or None for fewer than LEAST or on overflow."""
+    """Return the mean of the finite values, each raised to `power`; None for fewer than LEAST values or on overflow."""
     return _average(_finite(values), power)
 
 

@@ -157,7 +157,7 @@ def _same(there: Any, member: type[Spec]) -> bool:
 def _taken(what: str, there: Any, choose: str = "another") -> ScenarioError:
     own = there.__module__.startswith("agrobot_mj.")
     file = None if own else getattr(sys.modules.get(there.__module__), "__file__", None)
-    return ScenarioError(f"register: {what} already exists{f', from {file}' if file else ''}; choose {choose}")
+    return ScenarioError(f"register: {what} already exists{f' in {file}' if file else ''}; choose {choose}")
 
 
 def _family(member: type[Spec]) -> list[Key]:

@@ -83,7 +83,7 @@ class CompiledSensor(Sensor):
     """Whether the sensor is present."""
 
     def parameters(self, dt: float) -> Any:
-        """Return the parameters of the law for ticks of length `dt` [s]."""
+        """Return the parameters of `law` for ticks of length `dt` [s]."""
         raise NotImplementedError
 
     def measure(self, state: Noise, truth: Truth, conditions: Conditions, dt: float) -> tuple[Noise, Any]:

@@ -36,7 +36,7 @@ LINES = {
     "imu_roll": ("imu", "roll"),
     "imu_pitch": ("imu", "pitch"),
 }
-"""Name and measurement field ("" for a number) of the sensor on each signal line that faults can distort."""
+"""Sensor name and measurement field ("" for plain numbers) of each signal line that faults can distort."""
 NO_SAMPLES = np.zeros(0)  # Replacement of the steering-angle samples in the true state
 
 
@@ -61,7 +61,7 @@ class Sensors(Spec):
     steering_pot: SteeringPotentiometer = SteeringPotentiometer()
     """Potentiometer that measures the steering angle at the front axle."""
     pedal_pot: PedalPotentiometer = PedalPotentiometer()
-    """Potentiometer of the pedal position."""
+    """Potentiometer that measures the pedal position."""
     gyro: Gyro = Gyro()
     """Yaw-rate gyro. Default: absent."""
     imu: Imu = Imu()
@@ -254,7 +254,7 @@ class Suite:
     def _measure_others(
         self, state: SensorState, readings: dict[str, Any], truth: Truth, conditions: Conditions
     ) -> dict[str, Any]:
-        """Evaluate the sensors without a compiled law: add their readings to `readings`, and return their states."""
+        """Evaluate the sensors that are not compiled: add their measurements to `readings`, and return their states."""
         states = state.states.copy()
         if state.readings:
             readings |= {name: state.readings[name] for name in self.others}

@@ -1,7 +1,7 @@
 """Episodes: consecutive ticks of a run in one compiled call, without Python between the stages.
 
-An episode performs the same computation as `Loop` and gives the same bits. It consists of regular ticks: no faults, a
-receiver without latency, compiled stages, and no event. The stages are compiled separately and called by address
+An episode gives the same bits as the same ticks of a `Loop`. Its ticks are regular: without faults and events, with
+compiled stages and a receiver without latency. The stages are compiled separately and called by address
 (`core.calls`). An episode ends before a tick with an event, such as a change of the brake, the end of the path or a
 number that is not finite; `Simulation.step` then performs this tick.
 """
@@ -53,8 +53,8 @@ from agrobot_mj.simulation.outcomes import LOST_M, Standstill, is_stuck, standst
 from agrobot_mj.simulation.receiver import MountedReceiver, at_axle, turned
 
 HISTORY_S = 6.0
-"""Time before a fault in which no episode is performed [s]: the estimator and the supervisor then store their history,
-which delayed fixes require."""
+"""Time before a fault in which no episode is performed [s]. In single ticks, the estimator and the supervisor store the
+history that delayed fixes require."""
 SHORTEST = 5  # Minimum number of ticks for which an episode is faster than single ticks
 PAUSE = 10  # Number of single ticks after a tick that is not regular, before an episode is tried again
 LONGEST = 200  # Maximum number of ticks in an episode: 10 s of simulated time, about 20 ms of processor time
@@ -64,7 +64,7 @@ Poses = np.ndarray[tuple[int, int, int], np.dtype[np.float64]]
 
 
 class Code(NamedTuple):
-    """Addresses of the compiled functions of a scenario."""
+    """Addresses of the compiled stages of a scenario, and of the function that writes the log."""
 
     sense: int
     estimate: int
@@ -75,7 +75,7 @@ class Code(NamedTuple):
 
 
 class Links(NamedTuple):
-    """Constant parameters of the stages."""
+    """Constant parameters of the stages, and addresses of the random streams of the sensors."""
 
     sensors: Held[Laws]
     streams: Held[Addresses]
@@ -98,7 +98,7 @@ class Columns(NamedTuple):
 
 
 class RunNumbers(NamedTuple):
-    """Numbers of a scenario for an episode."""
+    """Further constant parameters of a run."""
 
     dual: bool  # Whether the receiver has two antennas
     supervises: bool  # Whether the supervisor is active
@@ -112,7 +112,7 @@ class RunNumbers(NamedTuple):
 
 
 class PlannedPath(NamedTuple):
-    """Path during an episode."""
+    """Path, and references of the ticks, for an episode."""
 
     leg: tuple[float, float]  # Arc lengths of the start and end of the leg [m]
     sampled: float  # Arc length up to which the path is sampled [m], or infinity if it ends before
@@ -150,8 +150,8 @@ _sense, _estimate, _guide, _supervise = called(sense), called(estimator_form), c
 _loops, _write = called(run_loops), called(write_row)
 _steps, _look, _report = called(steps_form), called(look_form), called(report_form)
 DONE, EVENT, TROUBLE, INVALID, FAILED = range(5)
-"""Reasons for the end of an episode: length reached; event in the next tick; trouble of the plant after the last tick,
-before the sensors are read; invalid measurement or estimate after the last tick; error of MuJoCo."""
+"""Reasons for the end of an episode: maximum length; event in the next tick; plant trouble, such as a roll-over, after
+the last tick (sensors not read); invalid measurement or estimate after the last tick; error of MuJoCo."""
 
 
 class Planned(NamedTuple):
@@ -186,7 +186,7 @@ def _fix(now: Current, s: RunNumbers, moved: bool) -> Fix:
 def _decided(
     now: Current, code: Code, links: Links, s: RunNumbers, path: PlannedPath, r: Reference, preview: float
 ) -> Planned:
-    """Return the decisions of guidance law, supervisor and low-level loops."""
+    """Return the decisions of the guidance law, the supervisor and the low-level loops."""
     near, m = now.followed.s, now.readings
     seen = Situated(now.estimate, m.steering_pot, path.leg[0], path.leg[1], near, preview)
     last = now.followed.direction, now.followed.speed
@@ -224,7 +224,7 @@ def _logged(
     now: Current, planned: Planned, code: Code, plant: PlantCode, s: RunNumbers, r: Reference, height: float,
     row: Vector, poses: Matrix,
 ) -> tuple[Standstill, bool]:  # fmt: skip
-    """Write the row of the log. Return the standstill, and whether the run ends."""
+    """Write a row of the log. Return the new standstill state, and whether the tick ends the run or has failed."""
     m, d, pedal_ref = now.readings, planned.drive, planned.loops.speed.reference
     steer_ref = planned.loops.steering.reference
     saturated = 1.0 if abs(steer_ref) > s.saturation else 0.0
@@ -272,7 +272,7 @@ def _scatter(row: Vector, columns: Index, values: Vector) -> None:
 
 @jit
 def _moved(now: Current, drive: Drive, plant: PlantCode) -> tuple[bool, Held[Truth], TractorMotion, bool]:
-    """Advance the plant by a tick. Return whether no error occurred, the true state, the motion and the clearance."""
+    """Advance the plant by a tick. Return success, the true state, the motion and the new value of `Current.clear`."""
     volts = drive.steer_voltage, nan if drive.brake > 0.0 else drive.pedal_voltage
     steps, done, count, clear = plant.samples.shape[1], True, 0, now.clear
     if clear:
@@ -299,7 +299,7 @@ def _sensed(now: Current, code: Code, links: Links, steer: Vector) -> tuple[bool
 
 @jit
 def _is_valid(now: Current, s: RunNumbers) -> bool:
-    """Return whether the measurement needs no replacement, as in `checks.Reception`."""
+    """Return whether the measurement is valid, so that `checks.Reception` replaces no value."""
     m, angles = now.readings, now.readings.imu
     valid = now.sound and isfinite(m.steering_pot + m.pedal_pot) and possible(_fix(now, s, False))
     for value in (m.gyro, angles.roll, angles.pitch, m.wheel_speed):
@@ -332,7 +332,7 @@ def advance(
 ) -> tuple[Current, int, int]:  # fmt: skip
     """Return the state after an episode, the number of its ticks, and the reason for its end.
 
-    The rows of the log are written to `values` and `poses`. `steer` is an empty array.
+    The rows of the log are written to `values` and `poses`. `steer` is an empty array, as in `sense`.
     """
     for k in range(path.heights.size):
         r = reference_in(path.references, k)
@@ -367,7 +367,7 @@ def advance(
 
 
 LinkedStages = tuple[Linked, Linked, Linked | None]
-"""Estimator, guidance law, and the supervisor unless it is inactive."""
+"""Estimator, guidance law and supervisor; None for an inactive supervisor."""
 NO_SAMPLES = np.zeros(0)
 SENSED = (
     *("gnss_z", "gnss_heading", "gyro", "imu_roll", "imu_pitch", "imu_force_x", "imu_force_y", "imu_force_z"),
@@ -390,7 +390,7 @@ def _code(stages: LinkedStages) -> Code:
 
 
 class Episodes:
-    """Compiled ticks of the run of a `Loop`, whose log is written to `Rows`."""
+    """Episodes of the run of a `Loop`, logged in `Rows`."""
 
     def __init__(self, loop: Loop, rows: Rows) -> None:
         """Prepare the episodes of a run. Runs with interpreted stages have no episodes."""
@@ -423,10 +423,10 @@ class Episodes:
         return supervision and (estimator, guidance, supervision)
 
     def advance(self, standstill: Standstill, most: int) -> tuple[int, Standstill]:
-        """Perform an episode of at most `most` ticks; return the number of its ticks, and the standstill after it.
+        """Perform an episode of at most `most` ticks. Return its number of ticks (possibly 0) and the standstill state.
 
-        Raises `mujoco.FatalError` if MuJoCo reports an error. After the last tick the sensors have not been read if the
-        plant has trouble, and the estimate is missing if a number is invalid.
+        After plant trouble, the sensors have not been read; after an invalid measurement or estimate, the estimate is
+        missing. Raises `mujoco.FatalError` if MuJoCo reports an error.
         """
         rows = self.rows
         if 0 <= rows.filled - self.paused < PAUSE or (stages := self._stages()) is None:
@@ -463,7 +463,8 @@ class Episodes:
     def _planned(self, most: int, guidance: Linked) -> PlannedPath:
         """Return the path for an episode of at most `most` ticks.
 
-        The episode ends before the last row, the end of the path, the next leg and, by HISTORY_S, the next fault.
+        The episode ends before the last row of the log, the end of the path and the start of the next leg, and
+        HISTORY_S before the next fault.
         """
         loop, rows, path, near = self.loop, self.rows, self.loop.scenario.path, guidance.inputs.s
         times: Any = (cast(MujocoPlant, loop.plant).ticks + np.arange(most + 1)) * TICK_S
@@ -545,10 +546,10 @@ class Episodes:
         )
 
     def _resume(self, now: Current, reference: Reference | None, invalid: bool) -> None:
-        """Set the states of loop and plant after an episode of at least one tick.
+        """Set the states of the loop and the plant after an episode of at least one tick.
 
-        `reference` is the reference of the current tick, or None if there is no valid estimate for it. `invalid` is
-        whether the sensors have been read.
+        `reference` is the reference of the current tick, or None if the tick has no valid estimate. `invalid` is
+        whether the sensors have been read, but the measurement or the estimate is invalid.
         """
         loop, state = self.loop, self.loop.stages
         cast(MujocoPlant, loop.plant).resume(now.truth, now.motion, now.clear, now.ticks)

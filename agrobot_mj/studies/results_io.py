@@ -30,7 +30,7 @@ def code_of(rows: Iterable[Mapping[str, Any]], folder: Path) -> str:
     codes = sorted({identity.code if identity else "unknown" for identity in found})
     if len(codes) > 1:
         raise ScenarioError(
-            f"{folder}: the rows come from different code ({', '.join(codes)}: plugins, program, libraries), so "
-            "they are not compared; start the same command again"
+            f"{folder}: the rows come from different code versions ({', '.join(codes)}: plugins, program, libraries), "
+            "so they are not compared; run the command that wrote the rows again"
         )
     return f"code {codes[0]}" if codes else "no code"

@@ -56,7 +56,7 @@ class Linear(TyreBase):
     kind: Literal["linear"] = "linear"
     front_cornering_stiffness_n_rad: Positive = 7_400.0
     """Cornering stiffness C_alpha of one front tyre [N/rad]. Assumed value (range 5.0e3-9.3e3 for cone indices of 450
-    to 1800 kPa): from [GeeCloughSommer1981] at 1200 kPa."""
+    to 1800 kPa), derived from [GeeCloughSommer1981] at 1200 kPa."""
     rear_cornering_stiffness_n_rad: Positive = 15_000.0
     """Cornering stiffness C_alpha of one rear tyre [N/rad]. Assumed value (range 8.9e3-20e3), as for the front tyre."""
     front_slip_stiffness_n: Positive = 15_000.0

@@ -123,7 +123,7 @@ def test_width_adaptation_does_not_change_the_firing_strengths() -> None:
 
 
 @pytest.mark.parametrize(("adapt_q", "factor"), [(True, 2), (False, 1)])
-def test_output_rate_doubles_when_q_is_adapted(adapt_q: bool, factor: int) -> None:
+def test_rate_of_network_output_doubles_when_weight_q_is_adapted(adapt_q: bool, factor: int) -> None:
     rng, compared, network = np.random.default_rng(9), 0, T2Fnn(alpha=ALPHA, adapt_q=adapt_q)
     while compared < 100:
         state, (x1, x2), tau_c = random_state(rng), rng.uniform(-0.5, 0.5, 2), rng.normal()

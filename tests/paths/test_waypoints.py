@@ -112,7 +112,7 @@ def test_edited_waypoint_file_gives_a_different_path(tmp_path):
 GOOD = "0,0\n10,0\n20,0\n"
 FAULTS = {
     "a word": (GOOD + "30,abc\n", "row 4: y is not a number: 'abc'; write a number, or remove the row"),
-    "two separators": ("0,0\n1;0\n", "row 2: the row has semicolons or tabs; separate all columns"),
+    "two separators": ("0,0\n1;0\n", "row 2: the row contains semicolons or tabs; use the same separator"),
     "not a number": (GOOD + "nan,0\n", "row 4: x is nan; use a finite number"),
     "infinite": (GOOD + "3,-inf\n", "row 4: y is -inf; use a finite number"),
     "a gap": (GOOD + "30,\n", "row 4: y is not a number: ''"),

@@ -340,9 +340,7 @@ def test_kind_defined_by_two_plugin_files_of_equal_name_is_rejected(tmp_path, or
     first, second = (str(Path(folder, "law.py")) for folder in order)
     done = command(tmp_path, "run", "circle", "--plugin", first, "--plugin", second, "--out", "out")
     assert (done.returncode, done.stdout) == (2, "")
-    expected = (
-        f"--plugin {second}: register: guidance.kind 'own' already exists, from {tmp_path / first}; choose another"
-    )
+    expected = f"--plugin {second}: register: guidance.kind 'own' already exists in {tmp_path / first}; choose another"
     assert done.stderr.strip() == expected
     assert not (tmp_path / "out").exists()
 

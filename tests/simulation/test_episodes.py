@@ -59,7 +59,7 @@ def driven(name: str, overrides: dict[str, Any], ticks: Any) -> Simulation:
 
 
 def numbers(value: Any) -> Any:
-    """Return the plant state as bytes."""
+    """Return the arrays of a plant state as bytes."""
     return [np.ascontiguousarray(part).tobytes() for part in (value.physics, *value.memories)]
 
 
@@ -94,7 +94,7 @@ def test_single_ticks_and_episodes_of_any_length_may_alternate(case):
     check_equal(driven(name, {**overrides, "duration_s": 20.0}, lambda: 0), mixed)
 
 
-def test_episode_continues_from_a_restored_state_and_with_other_noise():
+def test_episodes_after_restore_and_branch_equal_single_ticks():
     sims = [Simulation("figure_eight", {**RECOMMENDED, "duration_s": 15.0}) for _ in range(2)]
     for sim in sims:
         sim.reset()
@@ -111,12 +111,12 @@ def test_episode_continues_from_a_restored_state_and_with_other_noise():
     check_equal(*sims)
 
 
-def test_tick_with_an_implausible_fix_is_repeated_as_a_single_tick():
+def test_episodes_with_implausible_fixes_equal_single_ticks():
     overrides = {"sensors.gnss.sigma_m": 4e6, "duration_s": 12.0}
     check_equal(driven("figure_eight", overrides, lambda: 0), driven("figure_eight", overrides, lambda: 200))
 
 
-def test_episode_performs_most_ticks_of_a_run_without_faults():
+def test_episodes_perform_most_ticks_of_a_run_without_faults():
     sim, lengths = Simulation("figure_eight", {"duration_s": 30.0}), []
     sim.reset()
     while not sim.done:

@@ -117,7 +117,7 @@ def test_run_command_prints_the_elapsed_time_only_while_it_starts(call, monkeypa
 
 
 @pytest.mark.parametrize(("between", "lines"), [(0.0, ["circle: 100 % simulated"]), (1e6, [])])
-def test_long_single_run_in_a_pipe_prints_the_simulated_fraction(monkeypatch, capsys, between, lines):
+def test_long_run_with_piped_output_prints_the_simulated_fraction(monkeypatch, capsys, between, lines):
     monkeypatch.setattr(progress, "SILENCE_S", between)
     run(load_scenario("circle", {"plant.kind": "bicycle", "duration_s": 1.0}), (progress.Progress(),))
     assert capsys.readouterr().err.splitlines()[-1:] == lines

@@ -22,7 +22,7 @@ def compared(call, plugin, *more):
     return call("compare", "lane_change", *laws, *AWAY, "--no-rrd", "--out", "out", *more)
 
 
-def test_moving_laws_rank_above_a_stationary_law(call, plugin, tmp_path):
+def test_laws_that_move_the_tractor_rank_above_a_stationary_law(call, plugin, tmp_path):
     status, out, err = compared(call, plugin, "--seeds", 2)
     still = plugin[1]
     assert status == 1

@@ -204,7 +204,7 @@ def test_report_rejects_rows_from_different_code_versions(call, tmp_path):
     file.write_text(json.dumps(rows))
     status, _, err = call("report", "out")
     assert status == 2
-    assert "out: the rows come from different code (" in err
+    assert "out: the rows come from different code versions (" in err
 
 
 def test_runs_whose_table_rows_have_no_identity_are_repeated(call, driven, tmp_path):

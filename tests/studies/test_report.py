@@ -75,7 +75,7 @@ def test_each_figure_of_the_paper_is_written_as_a_nonempty_image(path: Any, tmp_
         assert (pixels[[0, -1], :, :3] == 1).all(), "something is cut off above or below"
 
 
-def test_figure_of_q_on_a_path_without_laps_has_no_legend() -> None:
+def test_figure_of_weight_q_on_a_path_without_laps_has_no_legend() -> None:
     figure = q([ReportedRun("bicycle", "pd_t2fnn", RunLog(Line(), 0.1, "pd_t2fnn"))])
     assert figure is not None
     assert curves(figure)

@@ -27,6 +27,6 @@ def test_bootstrap_interval_of_a_skewed_mean_has_95_percent_coverage():
     assert all(map(isnan, bootstrap_interval([])))
 
 
-def test_wilson_interval_of_no_or_only_successes_is_one_sided():
+def test_wilson_interval_of_zero_or_all_successes_is_one_sided():
     assert wilson_interval(0, 10, 0.95) == pytest.approx((0.0, 3.8415 / 13.8415), abs=1e-4)
     assert wilson_interval(10, 10, 0.95) == pytest.approx((10 / 13.8415, 1.0), abs=1e-4)

@@ -79,7 +79,7 @@ def test_upright_wheel_at_rest_has_its_contact_patch_below_the_centre():
 
 
 @pytest.mark.parametrize("yaw_deg", [0, 35, 90, 200, -70])
-def test_velocity_of_a_yawed_wheel_is_resolved_into_forward_and_left(yaw_deg):
+def test_velocity_of_a_yawed_wheel_has_forward_and_lateral_components(yaw_deg):
     forward, axle = turned(radians(yaw_deg))
     left = (-forward[1], forward[0], 0.0)
     velocity = tuple(1.5 * f + 0.3 * s for f, s in zip(forward, left, strict=True))

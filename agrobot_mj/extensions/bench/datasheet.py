@@ -191,7 +191,7 @@ class Basis(NamedTuple):
 
 
 def bases(machine: str, scenario: Scenario) -> Iterator[Basis]:
-    """Yield all numeric parameters of tractor, steering and driveline with their basis. `machine` is a name or path."""
+    """Yield the `Basis` of each number of the tractor, the steering and the driveline. `machine` is a name or path."""
     found = machine_file(machine)
     stated = {} if found is None else comments(found[0].read_text(encoding="utf-8"))
     for table, part in (

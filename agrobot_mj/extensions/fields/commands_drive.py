@@ -227,7 +227,7 @@ def _prices(given: list[str] | None) -> "Prices":
             raise ScenarioError(f"--price {text}: the number is missing; specify --price input_ha=180") from None
         if name.strip() not in Prices._fields or not 0 <= found[name.strip()] < inf:
             known = ", ".join(Prices._fields)
-            raise ScenarioError(f"--price {text}: specify NAME=VALUE with one of {known}, and a value of at least 0")
+            raise ScenarioError(f"--price {text}: the name must be one of {known}; the value must be at least 0")
     return Prices(**found)
 
 

@@ -200,7 +200,7 @@ class _Reader(NamedTuple):
         turns_over = len(known) > 1 and np.abs(np.diff(known)).max() > 6.0 and np.ptp(known) <= 2 * pi
         if c.unit == "deg" and turns_over:
             raise FieldLogError(
-                f"{self.name}: {c.column!r} wraps by 2 pi, which indicates radians; set heading.unit in the map"
+                f"{self.name}: {c.column!r} wraps by 2 pi, which indicates radians; set heading.unit in the column map"
             )
         angle = ANGLES[c.unit] * (read - c.offset)
         if c.quality:
@@ -264,7 +264,7 @@ class _Reader(NamedTuple):
             if (away := float(np.abs(places).max())) > FARTHEST_M:
                 raise FieldLogError(
                     f"{self.name}: {first!r} and {second!r} are up to {away / 1e3:.3g} km away from the origin; set "
-                    f"position.origin_east_m = {a[0]:.7g} and position.origin_north_m = {b[0]:.7g} in the map"
+                    f"position.origin_east_m = {a[0]:.7g} and position.origin_north_m = {b[0]:.7g} in the column map"
                 )
         if not np.ptp(places, axis=0).any():
             raise FieldLogError(

@@ -84,7 +84,7 @@ def _row(row: Sequence[str], place: str) -> tuple[int, PlayInput]:
         one = PlayInput(int(law), float(steer), float(speed) if speed else nan)
         whole = int(tick)
     except ValueError:
-        raise ValueError(f"{place}: must be four numbers ({', '.join(HEADER)}), got {','.join(row)!r}") from None
+        raise ValueError(f"{place}: must contain four numbers ({', '.join(HEADER)}), got {','.join(row)!r}") from None
     if whole < 0 or one.law < 0 or not isfinite(one.steer) or not (isfinite(one.speed) or not speed):
         raise ValueError(
             f"{place}: tick and law (an index) must not be negative, and all numbers must be finite; "

@@ -135,7 +135,7 @@ def launch(
             handle.close()
         except (RuntimeError, OSError) as error:
             raise ScenarioError(f"--port {port}: {error}") from None
-        raise ScenarioError(f"play: the viewer did not start within {START_S:g} s; try again on a less loaded machine")
+        raise ScenarioError(f"play: the viewer did not start within {START_S:g} s; retry on an idle computer")
     return handle, found[0]
 
 

@@ -163,8 +163,8 @@ def search(
     ranges = tunable(scenario)
     if scenario.expected_outcome != COMPLETED:
         raise ScenarioError(
-            f"{scenario.name}: the scenario expects {scenario.expected_outcome}, but only completed runs have an "
-            f"error to minimise; add --set expected_outcome={COMPLETED}"
+            f"{scenario.name}: the scenario expects {scenario.expected_outcome}, but only completed runs have "
+            f"tracking errors to minimise; add --set expected_outcome={COMPLETED}"
         )
     if not training:
         raise ScenarioError(f"{scenario.name}: the plant supports no tuning case; add --set plant.kind=mujoco")

@@ -99,7 +99,7 @@ def read_table(text: str) -> ShapeFile:
 
 
 def _titles(lines: list[str]) -> tuple[int, list[str]]:
-    """Return the row number and cells of the last title row above the numbers, or 0 and no cells without titles."""
+    """Return the row number and cells of the last title row above the numbers, or 0 and [] if there are no titles."""
     found = 0, list[str]()
     for number, line in enumerate(lines[:MOST_TITLES], start=1):
         cells = _cells(line.strip().lstrip("".join(COMMENTS)), _separator(line))
@@ -149,7 +149,7 @@ def _rows(lines: list[str], first: int) -> Iterator[tuple[int, list[str]]]:
             continue
         split = split or _separator(line)
         if split in ", " and any(mark in line for mark in ";\t"):
-            raise ValueError(f"row {number}: the row has semicolons or tabs; separate all columns in the same way")
+            raise ValueError(f"row {number}: the row contains semicolons or tabs; use the same separator in all rows")
         yield number, _cells(line if split == "," else line.replace(",", "."), split)
 
 

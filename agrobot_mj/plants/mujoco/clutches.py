@@ -54,7 +54,7 @@ class Clutches:
             self._set(FRONT, straight and self._slips(motion, drive.front_engage_slip))
 
     def engaged(self, name: str) -> bool:
-        """Return whether a clutch is engaged."""
+        """Return whether the clutch `name` is engaged."""
         return bool(self.data.eq_active[self.ids[name]])
 
     def _straight(self, name: str, steer: float, release: float | None) -> bool:

@@ -83,7 +83,7 @@ def snapshots(
             except _LateError as error:
                 cause = str(error)
     raise SnapshotError(
-        f"{file}: no images in {TRIES} attempts: {cause}; use a less loaded computer, or fewer --tab and --at options"
+        f"{file}: no images in {TRIES} attempts: {cause}; retry on an idle computer or use fewer --tab and --at options"
     )
 
 
@@ -247,7 +247,7 @@ def _viewer(file: Path, patience: int, size: tuple[int, int]) -> Iterator[Viewer
         except (RuntimeError, ConnectionError, TimeoutError) as error:
             if _lacks_driver(process):
                 raise SnapshotError(
-                    f"{file}: no images: the Rerun viewer cannot find a Vulkan driver; {REMEDY}"
+                    f"{file}: no images, because the Rerun viewer cannot find a Vulkan driver; {REMEDY}"
                 ) from None
             raise _LateError(str(error)) from None
 

@@ -35,14 +35,14 @@ class Trail:
         self.step = STEP_TICKS if wheels.ground.is_plane else ROUGH_STEP_TICKS
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the mark segments that end at or after log row `first`. `times` (n,) are the times of the rows."""
+        """Send the segments of tyre marks that end at or after log row `first`. `times` (n,) are the row times."""
         if first == 0:
             stream.log(ENTITY, rr.Mesh3D.from_fields(triangle_indices=self._triangles()), static=True)
         ends = np.arange(self.sent + self.piece, first + len(times), self.piece)
         self._send_pieces(stream, times[ends - first], ends)
 
     def finish(self, stream: rr.RecordingStream, last: int) -> None:
-        """Send the last mark segment, which ends at log row `last`."""
+        """Send the last segment of the tyre marks, which ends at log row `last`."""
         if last > self.sent:
             self._send_pieces(stream, nanoseconds(self.wheels.rows.column("t")[[last]]), np.array([last]))
 

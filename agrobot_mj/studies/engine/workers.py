@@ -226,7 +226,7 @@ def dask_cluster(address: str) -> Iterator[Callable[[Iterable[Task]], Iterator[t
             yield over_dask
         except CancelledError:
             raise ScenarioError(
-                f"--scheduler {address}: the connection is lost; finished runs are kept; start the same command again"
+                f"--scheduler {address}: the connection was lost; finished runs are kept; run the same command again"
             ) from None
 
 

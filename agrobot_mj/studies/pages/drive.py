@@ -39,7 +39,7 @@ def read_signals(folder: Path) -> Signals:
 
 
 def thinned(*columns: Array, most: int = MOST_POINTS) -> list[Array]:
-    """Return about `most` rows of the columns (n,).
+    """Return about `most` rows of columns of shape (n,).
 
     The minimum and maximum of each column in each block of rows are kept, so that spikes remain visible. A block
     without values remains a gap.

@@ -52,8 +52,8 @@ def sweep(
 ) -> SweepSummary:
     """Simulate the missing runs of a sweep and write all results to `folder`.
 
-    `begin` receives example scenarios before the first run. Raise `ScenarioError` before the first run if a run is
-    infeasible.
+    Before the first run, `begin` is called with some scenarios of the sweep. Raise `ScenarioError` before the first run
+    if a run is infeasible.
     """
     plan = SweepPlan(read_sweep(source))
     plan.check_size(options.max_runs)  # must precede all loops over the runs
@@ -130,5 +130,5 @@ def _full_disk_told(store: Store) -> Iterator[None]:
         if error.errno not in (errno.ENOSPC, errno.EDQUOT):
             raise
         kept = sum(1 for _ in store.rows())
-        text = f"{error.strerror}; {kept:,} finished runs are kept; free disk space and start the same command again"
+        text = f"{error.strerror}; {kept:,} finished runs are kept; free disk space and run the same command again"
         raise OSError(error.errno, text, str(store.folder)) from None

@@ -179,7 +179,7 @@ class Store(RowFiles):
                 raise
             number, name, value = odd
             what = f"{name}: {shortened(repr(value))} has a different type than in the other rows"
-            fix = "delete the file, also in the folder that it was merged from, and start the same command again"
+            fix = "delete the file, also in the folder that it was merged from, and run the same command again"
             file = self.row_file(self.asked(self.plan.task(number)))
             raise ScenarioError(f"{file}: {what}; {fix}") from error
         with atomic(self.folder / TABLE) as temporary:
@@ -187,7 +187,7 @@ class Store(RowFiles):
         return int(table.num_rows)
 
     def take(self, other: Path) -> None:
-        """Copy rows and kept files from another results folder of the same sweep. Links are not followed."""
+        """Copy rows and stored files of runs from another results folder of the same sweep. Links are not followed."""
         for number in range(self.plan.total):
             task = self.asked(self.plan.task(number))
             there = RowFiles(other).row_file(task)

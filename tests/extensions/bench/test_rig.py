@@ -30,7 +30,7 @@ def towed():
 
 
 @both_axles
-def test_linear_force_is_proportional_to_slip_at_every_speed(wheel):
+def test_linear_tyre_force_is_proportional_to_slip_at_every_speed(wheel):
     rig, stiffness = Rig(Linear(), TRACTOR, wheel), {FRONT: 7_400.0, REAR: 15_000.0}[wheel]
     slopes = []
     for speed in SPEEDS:

@@ -210,7 +210,7 @@ def test_error_for_an_invalid_option_names_the_option(call, tmp_path, options, m
 
 @pytest.mark.parametrize(
     ("price", "message"),
-    [("fuel=1", "specify NAME=VALUE with one of input_ha, yield_ha, hour"), ("hour", "the number is missing")],
+    [("fuel=1", "the name must be one of input_ha, yield_ha, hour"), ("hour", "the number is missing")],
 )
 def test_error_for_an_invalid_price_names_the_option(call, tmp_path, price, message):
     status, _, err = call("field", "run", str(boundary(tmp_path)), "--price", price, "--out", str(tmp_path / "out"))

@@ -69,5 +69,5 @@ def test_blank_field_file_name_is_rejected(call, file, arguments):
 def test_incomplete_price_is_rejected_before_planning(call, file):
     assert call("field", "run", file, "--price", "seed=3")[::2] == (
         2,
-        "--price seed=3: specify NAME=VALUE with one of input_ha, yield_ha, hour, and a value of at least 0\n",
+        "--price seed=3: the name must be one of input_ha, yield_ha, hour; the value must be at least 0\n",
     )

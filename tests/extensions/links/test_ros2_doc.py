@@ -41,7 +41,7 @@ def test_every_scenario_named_on_the_page_exists():
     assert set(rows) <= set(scenario_files())
 
 
-def test_third_party_table_has_one_row_per_law_of_the_benchmark_script():
+def test_table_of_third_party_laws_has_one_row_per_benchmarked_law():
     tree = ast.parse((ROOT / "examples" / "third_party" / "measure.py").read_text(encoding="utf-8"))
     tables = {node.target.id: node.value for node in tree.body if isinstance(node, ast.AnnAssign)}
     laws, surfaces = ([key.value for key in tables[name].keys] for name in ("LAWS", "SURFACES"))

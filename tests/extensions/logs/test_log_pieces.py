@@ -147,7 +147,7 @@ def test_comparison_with_the_heading_rejects_swapped_position_axes():
         check_columns(pieces([read(columns | {"x": columns["y"], "y": columns["x"]}, log_map)]).kept)
 
 
-def test_log_without_positions_is_not_divided():
+def test_log_without_positions_is_not_divided_into_segments():
     _, columns, log_map = shunt()
     found = pieces([read(columns, log_map.model_copy(update={"position": None}))], 5.0, 65.0)
     assert [(each.start, each.end) for each in found.kept] == [pytest.approx((5.0, 65.0))]

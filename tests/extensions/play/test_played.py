@@ -39,8 +39,8 @@ def test_each_row_of_the_input_table_applies_until_the_next_row():
     ("text", "message"),
     [
         ("tick,law\n0,0\n", "the first line must be tick,law,steer_rad,speed_m_s"),
-        (LINE + "0,0,left,1\n", "line 2: must be four numbers"),
-        (LINE + "0,0,0.1\n", "line 2: must be four numbers"),
+        (LINE + "0,0,left,1\n", "line 2: must contain four numbers"),
+        (LINE + "0,0,0.1\n", "line 2: must contain four numbers"),
         (LINE + "5,0,0,1\n5,0,0,2\n", "line 3: tick must increase, got 5 after 5"),
         (LINE + "0,0,inf,1\n", "numbers must be finite"),
         (LINE + "-1,0,0,1\n", "must not be negative"),

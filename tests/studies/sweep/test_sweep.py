@@ -169,7 +169,7 @@ def test_lost_dask_scheduler_is_reported_and_finished_runs_are_kept(file, tmp_pa
     monkeypatch.setattr(workers, "_workers", lambda client, address: 1)
     status, out, err = call(file, "--scheduler", "tcp://here:1", "--out", tmp_path / "out")
     assert (status, out) == (2, "")
-    assert err.startswith("--scheduler tcp://here:1: the connection is lost; finished runs are kept")
+    assert err.startswith("--scheduler tcp://here:1: the connection was lost; finished runs are kept")
     assert 0 < table(tmp_path / "out").num_rows <= 3
 
 
@@ -299,7 +299,7 @@ def test_sweep_on_a_full_disk_is_reported_and_can_be_resumed(serial, file, tmp_p
 
     monkeypatch.setattr(resume, "write_json", write)
     status, out, err = call(file, "--jobs", 1, "--out", folder)
-    text = "No space left on device; 7 finished runs are kept; free disk space and start the same command again"
+    text = "No space left on device; 7 finished runs are kept; free disk space and run the same command again"
     assert (status, out, err) == (1, "", f"{folder}: {text}\n")
     monkeypatch.undo()
     found = run_sweep(file, folder, SweepOptions(jobs=1, quiet=True))

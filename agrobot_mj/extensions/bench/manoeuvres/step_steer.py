@@ -157,7 +157,7 @@ def transient(seen: Step) -> tuple[float, float, float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of steady gain and step response for the bicycle and every tyre. Runs are shorter in quick mode."""
+    """Yield checks of steady gain and step response of the bicycle model and all tyres. Quick mode has shorter runs."""
     for subject, plant, truth in m.level_plants():
         m.curves[subject] = seen = step(plant, truth, 6.0 if m.quick else 12.0)
         about, wanted = m.about("steady yaw rate divided by steering angle", subject, "1/s"), theory(subject)

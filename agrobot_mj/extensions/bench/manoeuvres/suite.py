@@ -41,7 +41,7 @@ def page(checks: Sequence[Check], texts: Mapping[str, str]) -> str:
     judged = [check for check in checks if check.band != "reported"]
     failed = [check for check in judged if not check.passed]
     outcome = f"{len(judged) - len(failed)} of {len(judged)} numbers are inside their bands."
-    outcome += "".join(f" {c.manoeuvre}: {c.quantity}: {c.measured:g}." for c in checks if c.manoeuvre not in texts)
+    outcome += "".join(f" {c.manoeuvre} {c.quantity}: {c.measured:g}." for c in checks if c.manoeuvre not in texts)
     sections = [section(name, text, [c for c in checks if c.manoeuvre == name]) for name, text in texts.items()]
     return "\n".join([HEAD, outcome, "", *sections])
 

@@ -5,7 +5,9 @@ tractor, a side slope `grade` with the left side uphill is equivalent to a left 
 sin(grade) and gravity g_n = g cos(grade); a bend on level ground has a = u gamma and g_n = g. The tyre forces on the
 tractor sum to m a to the left; the right side carries more load.
 
-The front axle is mounted on a roll pivot P, which transmits no roll moment within its stops. For the body (index b:
+Symbols: speed u, yaw rate gamma, wheelbase L, track T, vertical stiffness k of a rear tyre, height h_P of the pivot P,
+front wheel radius r_f, wheel loads N_i, axle forces F_f and F_r, and lateral drag component D of steered front wheels.
+The front axle is mounted on the roll pivot P, which transmits no roll moment within its stops. For the body (index b:
 chassis and rear wheels) and the front assembly (index f), each with mass, CG and height:
 
     pivot     V = m_b g_n x_b / L (vertical),  H = F_f - D - m_f a (lateral)        balance of the front assembly
@@ -18,10 +20,9 @@ The lateral force F_i moves a patch by s_i = F_i / c against its wheel, on the l
 Rolling and soil resistance rho_i N_i shift load from the front to the rear axle by sum(rho_i N_i r_i) / L. The
 resistance is larger on the more loaded side and turns the tractor towards that side: M = (T / 2) sum(+-rho_i N_i).
 Pneumatic trails t_i add -t_i F_i. F_f + F_r = m a and l_f F_f - l_r F_r + M = 0 then give the forces of both axles, and
-the tyre law gives their slip angles. Without resistance and trail: F_f / F_r = l_r / l_f. The drag of steered front
-wheels has a lateral component D. In a bend, the patches scrub against turning, and the gyroscopic moment of the wheels
-adds to the roll. Resistances act at the height of the wheel centres; on a rolled body they turn the tractor out of the
-bend.
+the tyre law gives their slip angles. Without resistance and trail: F_f / F_r = l_r / l_f. In a bend, the patches scrub
+against turning, and the gyroscopic moment of the wheels adds to the roll. Resistances act at the height of the wheel
+centres; on a rolled body they turn the tractor out of the bend.
 """
 
 from math import cos, degrees, radians, sin, tan

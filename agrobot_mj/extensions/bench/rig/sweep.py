@@ -54,7 +54,7 @@ def load_specimen(source: str) -> Specimen:
 
 
 def _found(data: dict[str, Any]) -> tuple[dict[str, Any], str]:
-    """Return the tables `tyre` and `tractor` of a TOML file, and the prefix of the tyre keys in this file."""
+    """Return the tables `tyre` and `tractor` of a TOML file, and the prefix of its tyre keys, such as `plant.tyre.`."""
     rest = {key: value for key, value in data.items() if key != "tractor"}
     tractor = {"tractor": data["tractor"]} if "tractor" in data else {}
     plant = data.get("plant")
@@ -99,7 +99,7 @@ Row = tuple[str | float | None, ...]
 
 
 def bench(tyre: TyreBase, tractor: TractorParameters, wheel: int = FRONT) -> TestBench:
-    """Return the rig for a tyre, with its tyre kernel or with the contact model of MuJoCo."""
+    """Return the test rig of a tyre: `Towed` for the contact model of MuJoCo, otherwise `Rig`."""
     return Towed(tyre.native, tractor, wheel) if tyre.native else Rig(tyre, tractor, wheel)
 
 

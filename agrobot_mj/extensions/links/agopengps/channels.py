@@ -33,8 +33,8 @@ class Channel(Protocol):
         ...
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
-        """Return the datagrams received between the position and the steering output of a cycle. `answered()` returns
-        whether the host has replied."""
+        """Return the datagrams received between the position message and the steering output of a cycle. `answered()`
+        returns whether the host has replied."""
         ...
 
     def send(self, data: bytes, target: tuple[str, int] | None = None) -> tuple[float, str]:

@@ -117,7 +117,7 @@ def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_l
     if not explained >= LEAST_EXPLAINED:
         share = f"{100 * explained:.0f} % of the motion, less than {100 * LEAST_EXPLAINED:.0f} %"
         raise ScenarioError(
-            f"the valve is not identified: the fit explains {share}; use voltage and angle from the same run"
+            f"the valve is not identifiable, because the fit explains {share}; use voltage and angle from the same run"
         )
     values = {NAMES[k]: float(best.p[k]) if k in best.free else None for k in range(len(NAMES))}
     return Identified(

@@ -100,7 +100,7 @@ def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int
 
 
 def prepare(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
-    """Prepare segments for a fit. Each segment must have a wheel angle, and a gyro yaw rate, a heading or positions."""
+    """Prepare segments for a fit. A segment that lacks a channel (`channels_of`) of another segment is omitted."""
     measured = [channels_of(recording) for recording in recordings]
     names = [name for name in ("yaw_rate", "heading", "position") if any(name in each for each in measured)]
     rates = {name: _rate([each[name] for each in measured if name in each]) for name in names}

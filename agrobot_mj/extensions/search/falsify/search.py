@@ -194,7 +194,7 @@ class FalsifySearch:
         return [tuple(each.hardest if j == k else 0.0 for j in range(n)) for k, each in enumerate(self.q.varied)]
 
     def _evolve(self) -> None:
-        """Run differential evolution [Storn1997] from a Latin hypercube and the combination of all hard ends."""
+        """Run differential evolution [Storn1997] from a Latin hypercube and the combination of all `hardest` values."""
         from scipy.optimize import differential_evolution
         from scipy.stats import qmc
 

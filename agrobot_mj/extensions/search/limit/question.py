@@ -117,7 +117,7 @@ def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
             "--key seed: the seed is not a parameter to search; every value is run with up to --max-seeds seeds"
         )
     if not (isfinite(q.start) and isfinite(q.stop)) or q.start == q.stop:
-        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: specify two numbers; laws should succeed at the first")
+        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: specify different numbers A:B; laws should succeed at A")
     if not isfinite(q.stop - q.start):
         raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: the range is wider than 1.8e308; specify a narrower one")
     if not (0 < q.resolution < inf and 0 < q.reliability < 1 and 0 < q.confidence <= MOST_CONFIDENT):
@@ -136,7 +136,7 @@ def condition_of(until: str, scenario: Scenario) -> Condition:
     condition = Condition(until, metric_names(scenario))
     if condition.names_error and not condition.names_outcome and scenario.expected_outcome != COMPLETED:
         raise ScenarioError(
-            f"--until {until!r}: only completed runs have an error, but {scenario.name} expects "
+            f"--until {until!r}: only completed runs have tracking errors, but {scenario.name} expects "
             f"{scenario.expected_outcome}; add --set expected_outcome={COMPLETED}, or "
             f'"or outcome == ..." to the condition'
         )

@@ -24,7 +24,7 @@ from agrobot_mj.studies import Row, Task, about, check_tractors, study, write_js
 from agrobot_mj.studies.style import write_figure
 
 FAILURE = {"run.rrd": "failure.rrd", "signals.parquet": "failure.parquet"}
-"""Files of a failed run, with their names in the results folder."""
+"""Names of the files of a failed run, and of their copies in the results folder."""
 FILES = ("risk.json", "risk.png", *FAILURE.values())
 
 

@@ -224,7 +224,7 @@ T = np.arange(1000) * 0.05
         ("steer_measured", pa.array(["left"] * 1000), "'steer_measured' contains text ('left' in row 1)"),
         ("steer_measured", pa.array([[0.1]] * 1000), "'steer_measured' contains list<"),
         ("valve_voltage", pa.array([None] * 1000, pa.float64()), "gaps in valve_voltage"),
-        ("valve_voltage", pa.array(6 + np.random.default_rng(3).normal(size=1000)), "the valve is not identified"),
+        ("valve_voltage", pa.array(6 + np.random.default_rng(3).normal(size=1000)), "the valve is not identifiable"),
     ],
 )
 def test_error_for_an_unusable_log_names_the_columns(calm, tmp_path, name, values, said):

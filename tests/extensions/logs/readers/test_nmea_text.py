@@ -172,7 +172,7 @@ def test_sentences_before_the_first_valid_time_and_fix_are_omitted(tmp_path, lat
     assert log.notes[0].startswith(f"{12 if late else 11} sentences without a valid fix or time")
 
 
-def test_positions_without_a_quality_are_read(tmp_path):
+def test_positions_without_a_fix_quality_are_read(tmp_path):
     lines = [f"$GPGGA,{timed(k)},{place_of(k)},,12,0.7,35.0,M,0.0,M,," for k in range(20)]
     (tmp_path / "log").write_text("\n".join(map(checked, lines)))
     log = open_log(tmp_path / "log")
@@ -181,7 +181,7 @@ def test_positions_without_a_quality_are_read(tmp_path):
     assert log.notes == ("from GGA: latitude, longitude",)
 
 
-def test_positions_without_a_quality_require_the_rmc_status(tmp_path):
+def test_positions_without_a_fix_quality_require_the_rmc_status(tmp_path):
     lines = []
     for k in range(20):
         quality, status = ("", "V") if k < 8 else ("1", "A")
