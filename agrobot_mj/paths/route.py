@@ -208,8 +208,8 @@ def references_at(path: ReferencePath, times: Vector) -> Matrix:
     owner = next(kind for kind in type(path).__mro__ if "at" in vars(kind))
     compiled = vars(owner).get("_references_at")
     if compiled and np.isfinite(found := compiled(path, times)).all():
-        return cast(Matrix, found)
-    return np.array([reference_at(path, t) for t in times.tolist()])
+        return cast(Matrix, np.ascontiguousarray(found, dtype=float))
+    return np.array([reference_at(path, t) for t in times.tolist()], dtype=float)
 
 
 def lap_length(s: Array, yaw: Array) -> float:

@@ -12,6 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 from agrobot_mj.core.errors import NotFiniteError
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.samples import sample_of, samples_at
+from agrobot_mj.core.signals import Reference
 from agrobot_mj.core.spec import every
 from agrobot_mj.paths import (
     Circle,
@@ -28,7 +29,7 @@ from agrobot_mj.paths import (
     sample,
 )
 from agrobot_mj.paths.arc import SLOWEST_M_S, Pose, advance
-from agrobot_mj.paths.route import references_at
+from agrobot_mj.paths.route import SampledRoute, references_at
 
 RAMPED = [
     *(Line(), Circle(), FigureEight()),
@@ -111,6 +112,16 @@ def test_references_of_a_subclass_follow_its_own_method_at():
     times = np.array([1.0, 2.0])
     assert (references_at(Shifted(), times)[:, 0] == 7.0).all()
     assert np.array_equal(references_at(Faster(), times), references_at(Sinusoid(), 2 * times))
+
+
+def test_references_of_whole_numbers_are_floating_point_numbers():
+    class Parked(Sinusoid):
+        def at(self, t):
+            return Reference(5, 3, 0, 0, 0, 0, 0)
+
+    found = references_at(Parked(), np.array([1.0, 2.0]))
+    assert found.dtype == np.float64
+    assert SampledRoute(Parked()).at(1.0).x == 5.0
 
 
 def test_samples_with_missing_numbers_name_the_path_and_the_time():
