@@ -5,7 +5,7 @@ The blocks are sent in a separate thread, because the compiled part of a run doe
 
 import errno
 import uuid
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from copy import copy
 from pathlib import Path
@@ -40,13 +40,17 @@ class Recording:
 
     def __init__(self, path: Path | None, live: bool = False) -> None:
         self.path, self.live = path, live
-        self._thread, self._sending = ThreadPoolExecutor(1, "recording"), Future[None]()
-        self._sending.set_result(None)
 
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
         """Open the file and send the static content. Raise OSError if the file cannot be written."""
         self.scenario, self._filled, self.rows = scenario, rows, copy(rows)  # the copy is constant while it is sent
-        self._thread.submit(self._start, scenario, scene, self.rows).result()
+        self._thread = ThreadPoolExecutor(1, "recording")
+        self._sending = self._thread.submit(self._start, scenario, scene, self.rows)
+        try:
+            self._sending.result()
+        except BaseException:
+            self._thread.shutdown(wait=False)
+            raise
 
     def _start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
         ground = scenario.terrain.ground()

@@ -320,3 +320,10 @@ def test_comparison_with_rerun_disabled_draws_its_figures(tmp_path):
     assert done.stderr.count("Rerun is disabled") == 1
     assert (tmp_path / "out" / "trajectory.png").is_file()
     assert not list((tmp_path / "out").rglob("*.rrd"))
+
+
+def test_recording_can_be_used_for_a_second_run(tmp_path):
+    recording = Recording(tmp_path / "run.rrd")
+    for _ in range(2):
+        run(load_scenario("straight_line", {"duration_s": 1}), (recording,))
+    assert len(Recorded(tmp_path / "run.rrd").column("/plots/tracking/error", "Scalars:scalars")[0]) == 20
