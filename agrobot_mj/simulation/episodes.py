@@ -37,6 +37,7 @@ from agrobot_mj.core.signals import (
     Vector,
 )
 from agrobot_mj.estimation.base import Readings, estimator_form
+from agrobot_mj.faults.base import Scripted
 from agrobot_mj.paths.route import references_at
 from agrobot_mj.plants import MujocoPlant
 from agrobot_mj.plants.mujoco.c_api import fail
@@ -131,7 +132,6 @@ class Current(NamedTuple):
     ticks: int
     values: Held[Values]
     readings: SensorReadings
-    sound: bool  # Whether the numbers of the true state are finite
     receiver: MountedReceiver
     estimator: Held[Any]
     estimate: Held[Estimate]
@@ -154,6 +154,10 @@ DONE, EVENT, TROUBLE, INVALID, FAILED = range(5)
 the last tick (sensors not read); invalid measurement or estimate after the last tick; error of MuJoCo."""
 
 
+Sensing = tuple[Held[Values], SensorReadings, bool]
+"""State of the sensors, measurement, and whether the numbers of the true state are finite."""
+
+
 class Planned(NamedTuple):
     """Decisions of a tick before the plant moves. `Current` describes the fields without a comment."""
 
@@ -168,18 +172,22 @@ class Planned(NamedTuple):
 
 
 @jit
-def _readings(now: Current) -> Readings:
-    r, t = now.readings, now.readings.gnss[4]
-    return Readings(t, r.gyro, r.wheel_speed, r.steering_pot, r.imu.roll, r.imu.pitch)
+def _readings(r: SensorReadings) -> Readings:
+    return Readings(r.gnss[4], r.gyro, r.wheel_speed, r.steering_pot, r.imu.roll, r.imu.pitch)
 
 
 @jit
-def _fix(now: Current, s: RunNumbers, moved: bool) -> Fix:
-    """Return the fix of the last tick, at the rear axle if `moved`."""
-    x, y, vx, vy, t, z = now.readings.gnss
-    fix = Fix(x, y, vx, vy, t, z, wrap(now.readings.heading) if s.dual else nan)
-    arm = now.receiver.arm
-    return at_axle(now.receiver, _readings(now), fix) if moved and not (arm[0] == 0.0 and arm[1] == 0.0) else fix
+def _fix(m: SensorReadings, s: RunNumbers) -> Fix:
+    """Return the fix of a measurement at the antenna."""
+    x, y, vx, vy, t, z = m.gnss
+    return Fix(x, y, vx, vy, t, z, wrap(m.heading) if s.dual else nan)
+
+
+@jit
+def _fix_at_axle(receiver: MountedReceiver, m: SensorReadings, s: RunNumbers) -> Fix:
+    """Return the fix of a measurement at the rear axle."""
+    fix, arm = _fix(m, s), receiver.arm
+    return fix if arm[0] == 0.0 and arm[1] == 0.0 else at_axle(receiver, _readings(m), fix)
 
 
 @jit
@@ -206,7 +214,8 @@ def _decided(
             m.gnss[4], m.steering_pot, m.pedal_pot, m.gyro, angles.roll, angles.pitch, m.wheel_speed,
             (angles.force_x, angles.force_y, angles.force_z),
         )  # fmt: skip
-        arguments = links.supervision, now.supervision, path.samples, seen, sensed, _fix(now, s, not s.swings), FIXED
+        fix = _fix(m, s) if s.swings else _fix_at_axle(now.receiver, m, s)
+        arguments = links.supervision, now.supervision, path.samples, seen, sensed, fix, FIXED
         done, (supervision, shown, tracks) = _supervise(
             code.supervise, (*arguments, steer, found.speed, now.loops.speed.reference, path.sampled, TICK_S)
         )
@@ -231,7 +240,7 @@ def _logged(
     others = (float(FIXED), m.steering_pot, m.pedal_pot, height, planned.followed.speed, steer_ref, pedal_ref)
     written, here = _write(
         code.write,
-        (row, now.truth, _fix(now, s, False), now.estimate, r, d, now.motion.actuation, (*others, saturated, 0.0)),
+        (row, now.truth, _fix(m, s), now.estimate, r, d, now.motion.actuation, (*others, saturated, 0.0)),
     )
     k, done = COMMON, True
     for quantity in range(6):
@@ -266,8 +275,9 @@ def _logged(
 
 @jit
 def _scatter(row: Vector, columns: Index, values: Vector) -> None:
-    for i in range(columns.size):
-        row[columns[i]] = values[i]
+    for i in range(min(columns.size, values.size)):
+        if columns[i] >= 0:
+            row[columns[i]] = values[i]
 
 
 @jit
@@ -287,30 +297,23 @@ def _moved(now: Current, drive: Drive, plant: PlantCode) -> tuple[bool, Held[Tru
 
 
 @jit
-def _sensed(now: Current, code: Code, links: Links, steer: Vector) -> tuple[bool, Current]:
-    """Read the sensors. Return whether no error occurred, and the new state."""
-    done, (values, m, sound) = _sense(code.sense, (links.sensors, now.values, links.streams, now.truth, CLEAR, steer))
-    return done, Current(
-        now.truth, now.motion, now.clear, now.ticks, values if done else now.values, m, sound, now.receiver,
-        now.estimator, now.estimate, now.estimated, now.guidance, now.followed, now.guided, now.supervision, now.loops,
-        now.drive, now.pedal, now.standstill,
-    )  # fmt: skip
+def _is_valid(m: SensorReadings, sound: bool, s: RunNumbers) -> bool:
+    """Return whether the measurement is valid, so that `checks.Reception` replaces no value.
 
-
-@jit
-def _is_valid(now: Current, s: RunNumbers) -> bool:
-    """Return whether the measurement is valid, so that `checks.Reception` replaces no value."""
-    m, angles = now.readings, now.readings.imu
-    valid = now.sound and isfinite(m.steering_pot + m.pedal_pot) and possible(_fix(now, s, False))
+    `sound` is whether the numbers of the true state are finite.
+    """
+    angles, valid = m.imu, sound and isfinite(m.steering_pot + m.pedal_pot) and possible(_fix(m, s))
     for value in (m.gyro, angles.roll, angles.pitch, m.wheel_speed):
         valid = valid and abs(value) != inf
     return valid
 
 
 @jit
-def _estimated(now: Current, code: Code, links: Links, s: RunNumbers) -> tuple[bool, Current]:
-    """Update the estimate. Return whether the estimate is finite, and the new state."""
-    seen, fix = _readings(now), _fix(now, s, True)
+def _estimated(
+    now: Current, values: Held[Values], m: SensorReadings, code: Code, links: Links, s: RunNumbers
+) -> tuple[bool, Current]:
+    """Update the estimate. Return whether the estimate is finite, and the new state with the measurement `m`."""
+    seen, fix = _readings(m), _fix_at_axle(now.receiver, m, s)
     done, (estimator, estimate, shown) = _estimate(
         code.estimate, (links.settings, links.filter, now.estimator, seen, fix, FIXED, TICK_S)
     )
@@ -320,8 +323,8 @@ def _estimated(now: Current, code: Code, links: Links, s: RunNumbers) -> tuple[b
     if not (receiver.arm[0] == 0.0 and receiver.arm[1] == 0.0):
         receiver = turned(receiver, seen, e.yaw, e.speed, TICK_S)
     return True, Current(
-        now.truth, now.motion, now.clear, now.ticks, now.values, now.readings, now.sound, receiver, estimator, estimate,
-        shown, now.guidance, now.followed, now.guided, now.supervision, now.loops, now.drive, now.pedal, now.standstill,
+        now.truth, now.motion, now.clear, now.ticks, values, m, receiver, estimator, estimate, shown, now.guidance,
+        now.followed, now.guided, now.supervision, now.loops, now.drive, now.pedal, now.standstill,
     )  # fmt: skip
 
 
@@ -329,24 +332,26 @@ def _estimated(now: Current, code: Code, links: Links, s: RunNumbers) -> tuple[b
 def advance(
     now: Current, code: Code, plant: PlantCode, links: Links, s: RunNumbers, path: PlannedPath, values: Matrix,
     poses: Poses, steer: Vector,
-) -> tuple[Current, int, int]:  # fmt: skip
-    """Return the state after an episode, the number of its ticks, and the reason for its end.
+) -> tuple[Current, int, int, Sensing]:  # fmt: skip
+    """Return the state after an episode, the number of its ticks, the reason for its end, and an invalid measurement.
 
+    The state contains the last valid measurement. The invalid measurement is undefined for other reasons.
     The rows of the log are written to `values` and `poses`. `steer` is an empty array, as in `sense`.
     """
+    last = now.values, now.readings, True
     for k in range(path.heights.size):
         r = reference_in(path.references, k)
         planned = _decided(now, code, links, s, path, r, path.previews[k])
         if not planned.regular:
-            return now, k, EVENT
+            return now, k, EVENT, last
         standstill, ends = _logged(now, planned, code, plant, s, r, path.heights[k], values[k], poses[k])
         if ends:
-            return now, k, EVENT
+            return now, k, EVENT, last
         moved, truth, motion, clear = _moved(now, planned.drive, plant)
         if not moved:
-            return now, k, FAILED
+            return now, k, FAILED, last
         now = Current(
-            truth, motion, clear, now.ticks + 1, now.values, now.readings, now.sound, now.receiver, now.estimator,
+            truth, motion, clear, now.ticks + 1, now.values, now.readings, now.receiver, now.estimator,
             now.estimate, now.estimated, planned.guidance, planned.followed, planned.guided, planned.supervision,
             planned.loops, planned.drive, now.readings.pedal_pot, standstill,
         )  # fmt: skip
@@ -354,16 +359,16 @@ def advance(
         inside = x_min <= x <= x_max and y_min <= y <= y_max
         fallen = motion.lean_cosine < ROLLOVER_COSINE or motion.folded
         if motion.fastest > DIVERGED_SPEED or fallen or not inside:
-            return now, k + 1, TROUBLE
-        sensed, now = _sensed(now, code, links, steer)
-        if not sensed:
-            return now, k, FAILED
-        estimates = _is_valid(now, s)
-        if estimates:
-            estimates, now = _estimated(now, code, links, s)
-        if not estimates:
-            return now, k + 1, INVALID
-    return now, path.heights.size, DONE
+            return now, k + 1, TROUBLE, last
+        done, (sensors, m, sound) = _sense(code.sense, (links.sensors, now.values, links.streams, truth, CLEAR, steer))
+        if not done:
+            return now, k, FAILED, last
+        valid = _is_valid(m, sound, s)
+        if valid:
+            valid, now = _estimated(now, sensors, m, code, links, s)
+        if not valid:
+            return now, k + 1, INVALID, (sensors, m, sound)
+    return now, path.heights.size, DONE, last
 
 
 LinkedStages = tuple[Linked, Linked, Linked | None]
@@ -394,9 +399,10 @@ class Episodes:
 
     def __init__(self, loop: Loop, rows: Rows) -> None:
         """Prepare the episodes of a run. Runs with interpreted stages have no episodes."""
-        self.loop, self.rows, self.paused = loop, rows, -PAUSE
+        self.loop, self.rows, self.paused, self.moving = loop, rows, -PAUSE, False
         s, plant = loop.scenario, loop.plant
         plain = loop.suite.plain and loop.suite.compiled_only and loop.loops.part.other is None and COMPILES
+        plain = plain and all(type(fault).active is Scripted.active for fault in s.fault)
         self.possible = plain and type(plant) is MujocoPlant and loop.estimator.method == "updated"
         place = {column: k for k, column in enumerate(rows.columns)}
         parts = loop.guidance, s.estimator, plant
@@ -414,6 +420,8 @@ class Episodes:
         s, regular = loop.scenario, self.possible and loop.has_sensed and state.conditions is NOMINAL
         if not regular or sensors.delivery.pending or loop.plant.trouble() is not None:
             return None
+        if cast(MujocoPlant, loop.plant).conditions != NOMINAL:  # of the last tick of a fault
+            return None
         estimator, guidance = s.estimator.linked(state.estimator), loop.guidance.linked(state.guidance, s.tractor)
         if estimator is None or guidance is None:
             return None
@@ -428,7 +436,7 @@ class Episodes:
         After plant trouble, the sensors have not been read; after an invalid measurement or estimate, the estimate is
         missing. Raises `mujoco.FatalError` if MuJoCo reports an error.
         """
-        rows = self.rows
+        rows, self.moving = self.rows, False
         if 0 <= rows.filled - self.paused < PAUSE or (stages := self._stages()) is None:
             return 0, standstill
         found = self._perform(stages, standstill, most)
@@ -436,28 +444,39 @@ class Episodes:
             self.paused = rows.filled
         return found
 
+    def retry(self) -> None:
+        """Try an episode at the next tick."""
+        self.paused = -PAUSE
+
     def _perform(self, stages: LinkedStages, standstill: Standstill, most: int) -> tuple[int, Standstill]:
         rows, plant, (measured, situation) = self.rows, cast(MujocoPlant, self.loop.plant), self.loop.now()
-        code = plant.code()
+        if (parts := plant.code()) is None or measured.fix is None:
+            return 0, standstill
+        try:
+            code = _code(stages)
+        except (AttributeError, TypeError):  # a law or an estimator whose function has another form
+            self.possible = False
+            return 0, standstill
         try:
             planned = self._planned(most, stages[1])
         except Exception:  # of a path: raised again at the time at which a single tick requires the reference
             return 0, standstill
-        count = len(planned.heights)
-        if code is None or not count or measured.fix is None:
+        if not (count := len(planned.heights)):
             return 0, standstill
         values: Any = np.full((count, len(rows.columns)), nan)
         poses: Any = np.empty((count, len(rows.poses[0]), 7))
         now, links = self._present(stages, measured, situation, standstill), self._links(stages)
-        found, done, reason = advance(
-            now, _code(stages), code, links, self._setting(stages), planned, values, poses, NO_SAMPLES
-        )
+        numbers, self.moving = self._setting(stages), True
+        found, done, reason, sensed = advance(now, code, parts, links, numbers, planned, values, poses, NO_SAMPLES)
+        rows.extend(values[:done], poses[:done])
         if reason == FAILED:
             fail()
-        rows.extend(values[:done], poses[:done])
         if done:
-            sensed = Reference(*planned.references[done].tolist()) if reason in (DONE, EVENT) else None
-            self._resume(found, sensed, reason == INVALID)
+            complete = reason in (DONE, EVENT)
+            self._resume(found, Reference(*planned.references[done - (not complete)].tolist()), complete)
+            if reason == INVALID:
+                self.loop.receive(*self.loop.suite.immediate(self.loop.stages.sensors.sensors, *sensed))
+        self.moving = False
         return done, found.standstill
 
     def _planned(self, most: int, guidance: Linked) -> PlannedPath:
@@ -530,7 +549,6 @@ class Episodes:
             ticks=plant.ticks,
             values=state.sensors.sensors.values,
             readings=loop.suite.readings_of(measured, state.sensors.sensors.delivery.heading.last),
-            sound=True,
             receiver=state.receiver,
             estimator=estimator.state,
             estimate=held(situation.estimate),
@@ -545,25 +563,22 @@ class Episodes:
             standstill=standstill,
         )
 
-    def _resume(self, now: Current, reference: Reference | None, invalid: bool) -> None:
+    def _resume(self, now: Current, reference: Reference, complete: bool) -> None:
         """Set the states of the loop and the plant after an episode of at least one tick.
 
-        `reference` is the reference of the current tick, or None if the tick has no valid estimate. `invalid` is
-        whether the sensors have been read, but the measurement or the estimate is invalid.
+        `reference` is the reference at the time of the last measurement. `complete` is whether this measurement belongs
+        to the current tick; otherwise the plant has moved since.
         """
         loop, state = self.loop, self.loop.stages
         cast(MujocoPlant, loop.plant).resume(now.truth, now.motion, now.clear, now.ticks)
-        loop.seen, state.wiring, loop.has_sensed = now.truth, now.drive, False
+        loop.seen, state.wiring = now.truth, now.drive
         state.guidance = loop.guidance.resumed(state.guidance, now.guidance, now.followed, now.guided)
         if loop.supervisor.enabled:
             state.supervisor = tracking(state.supervisor, now.supervision, now.pedal)
         state.speed, state.steering, state.brake = now.loops
         state.receiver = now.receiver
         state.estimator = loop.scenario.estimator.resumed(state.estimator, now.estimator, now.estimated)
-        sensors, measured = loop.suite.immediate(state.sensors.sensors, now.values, now.readings, now.sound)
-        if invalid:
-            loop.receive(sensors, measured)
-            return
+        sensors, measured = loop.suite.immediate(state.sensors.sensors, now.values, now.readings, True)
         state.sensors = state.sensors._replace(sensors=sensors, steer=measured.steer, pedal=measured.pedal)
-        if reference is not None:
-            loop.sensed, loop.has_sensed = (measured, loop.situation(measured, now.estimate, reference)), True
+        loop.sensed = measured, loop.situation(measured, now.estimate, reference)
+        loop.has_sensed = complete

@@ -157,15 +157,17 @@ class Simulation:
 
     def _perform_episode(self, most: int) -> int:
         """Perform an episode of at most `most` ticks and return the number of its ticks. Short episodes are slow."""
-        self._broken_off, count = True, 0
+        if most < SHORTEST:
+            return 0
         try:
-            if most >= SHORTEST:
-                count, self._watch.standstill = self._episodes.advance(self._watch.standstill, most)
+            count, self._watch.standstill = self._episodes.advance(self._watch.standstill, most)
+            return count
         except NotFiniteError as error:
             self._diverge(str(error))
-            count = 1
-        self._broken_off = False
-        return count
+            return 1
+        except BaseException:
+            self._broken_off = self._episodes.moving
+            raise
 
     def drive(self, request: Any) -> Measurement:
         """Advance one tick with the output of an external program. Return the measurement at the end of the tick.
@@ -288,6 +290,7 @@ class Simulation:
         self.rows.restore(state.rows)
         self._watch.standstill, (self.outcome, self.reason) = state.standstill, state.ending
         self._broken_off, self._evaluation.progress = False, None
+        self._episodes.retry()
 
     def branch(self, number: int) -> None:
         """Continue with different noise: the random generators of all stages switch to the streams with index `number`.

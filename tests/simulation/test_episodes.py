@@ -35,6 +35,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "antenna ahead": ("figure_eight", {**RECOMMENDED, "tractor.antenna_ahead_m": 0.8, "tractor.antenna_left_m": 0.2}),
     "two antennas": ("figure_eight", {**RECOMMENDED, "sensors.gnss.dual_antenna.enabled": True}),
     "fault": ("figure_eight", {**RECOMMENDED, "fault": [{"kind": "gnss_latency", "start_s": 14.0, "latency_s": 0.4}]}),
+    "varying force": ("gusts", {"physics": "fast"}),
     "soft soil": ("ruts", {}),
     "carried implement": ("plough", {}),
     "drawn implement": ("seeder_receiver", {}),
@@ -77,6 +78,43 @@ def test_episodes_equal_single_ticks_bit_for_bit(case):
     overrides = overrides if load_scenario(name).expected_outcome != "completed" else {**overrides, "duration_s": 20.0}
     single, episodes = driven(name, overrides, lambda: 0), driven(name, overrides, lambda: 200)
     check_equal(single, episodes)
+
+
+@pytest.mark.parametrize(
+    "kind", ["friction", "payload", "valve_wear", "drawbar", "side_force", "soft_tyre", "gnss_loss"]
+)
+def test_episodes_after_the_end_of_a_fault_equal_single_ticks(kind):
+    """The conditions of a fault act on the plant until the end of the tick in which the fault ends."""
+    overrides = {"fault": [{"kind": kind, "start_s": 7.0, "end_s": 9.0}], "duration_s": 16.0}
+    check_equal(driven("figure_eight", overrides, lambda: 0), driven("figure_eight", overrides, lambda: 200))
+
+
+def test_measurement_after_a_divergence_is_that_of_the_last_complete_tick():
+    """Upward gravity accelerates the tractor until the plant diverges."""
+    found = []
+    for most in (0, 200):
+        sim = Simulation("figure_eight", {"duration_s": 40.0, "physics": "fast"})
+        sim.reset()
+        for _ in range(60):
+            sim.step()
+        sim.loop.plant.model.opt.gravity[2] = 14.0
+        while not sim.done:
+            sim.advance(most)
+        assert sim.outcome == "diverged"
+        found.append((sim.measurement.t, sim.situation.t, sim.estimate.x, sim.reference, sim.truth.t, sim.rows.filled))
+    assert found[0] == found[1]
+
+
+def test_repeated_episodes_from_a_restored_state_are_not_paused():
+    sim = Simulation("figure_eight", {"duration_s": 60.0})
+    sim.reset()
+    while sim.rows.filled < 100:
+        sim.advance(100 - sim.rows.filled)
+    state = sim.save()
+    for _ in range(3):
+        sim.restore(state)
+        sim.advance()
+        assert sim.rows.filled == 300
 
 
 @pytest.mark.slow
