@@ -23,6 +23,16 @@ from agrobot_mj.machine.tractor import TractorParameters
 SLOWEST_M_S = 0.3  # Minimum speed used to compute lateral accelerations and speed-dependent gains [m/s]
 
 
+@shared
+def steer_limit_at(speed: float, lateral_acceleration: float, wheelbase: float, steer_limit: float) -> float:
+    """Return the maximum absolute steering angle [rad] at a speed [m/s] and a limit of lateral acceleration [m/s2].
+
+    `steer_limit` [rad] is the maximum angle of the wheels.
+    """
+    u = max(abs(speed), SLOWEST_M_S)
+    return min(steer_limit, atan(wheelbase * lateral_acceleration / (u * u)))
+
+
 class Route(Protocol):
     """Interface of the path of a run, with queries for the nearest point and for points ahead."""
 
@@ -82,8 +92,8 @@ class Situation(NamedTuple):
 
     def steer_limit(self, lateral_acceleration_m_s2: float) -> float:
         """Return the maximum absolute steering angle [rad] that respects a lateral-acceleration limit [m/s2]."""
-        m, u = self.machine, max(abs(self.estimate.speed), SLOWEST_M_S)
-        return min(m.steer_limit, atan(m.wheelbase_m * lateral_acceleration_m_s2 / (u * u)))
+        m = self.machine
+        return steer_limit_at(self.estimate.speed, lateral_acceleration_m_s2, m.wheelbase_m, m.steer_limit)
 
 
 class Learner(Reporting):

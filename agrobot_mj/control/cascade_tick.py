@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.control.base import SLOWEST_M_S, YawCommand, controller_form
+from agrobot_mj.control.base import YawCommand, controller_form, steer_limit_at
 from agrobot_mj.control.cascade import Cascade, CascadeState
 from agrobot_mj.control.deviation import Followed, Situated
 from agrobot_mj.control.feedforward import Feedforward
@@ -77,8 +77,7 @@ def cascade_tick(
     speed, yaw_rate = inverted(vx, vy, e.yaw, p.l_r)
     if p.ends_turns:
         yaw_rate = feasible(yaw_rate, r, e.speed, (p.steer_limit, p.l_r, p.wheelbase))
-    u, error = max(abs(e.speed), SLOWEST_M_S), yaw_rate - e.yaw_rate
-    limit = min(p.steer_limit, atan(p.wheelbase * p.lateral_acceleration / (u * u)))
+    limit, error = steer_limit_at(e.speed, p.lateral_acceleration, p.wheelbase, p.steer_limit), yaw_rate - e.yaw_rate
     ahead = atan(p.wheelbase * seen.preview) if p.feeds else 0.0
     scaled = gain_scale(p.wheelbase, p.above, e.speed) * error
     done, (controller, command, shown) = _controller(

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.control.base import SLOWEST_M_S, Route
+from agrobot_mj.control.base import SLOWEST_M_S, Route, steer_limit_at
 from agrobot_mj.core.geometry import to_heading, wrap
 from agrobot_mj.core.held import Held
 from agrobot_mj.core.kernels import fetched, jit, shared
@@ -133,7 +133,7 @@ def deviated(
     beta, later = _sideslip(curvatures[:n], l_r), _sideslip(curvatures[n:], l_r)
     known = limits.compensates and not isnan(e.steer_bias)
     bias = min(max(e.steer_bias, -MAX_STEER_BIAS), MAX_STEER_BIAS) if known else 0.0
-    limit = min(limits.steer_limit, atan(limits.wheelbase * limits.lateral_acceleration / (u * u)))
+    limit = steer_limit_at(e.speed, limits.lateral_acceleration, limits.wheelbase, limits.steer_limit)
     return PathDeviation(
         place,
         (seen.low, seen.high),

@@ -49,7 +49,7 @@ def write_reference(references: Matrix, n: int, r: Reference) -> None:
 
 @shared
 def reference_in(references: Matrix, n: int) -> Reference:
-    """Return the reference in row `n`."""
+    """Return row `n` of a matrix of references, shape (n, 7), as a `Reference`."""
     r = references[n]
     return Reference(r[0], r[1], r[2], r[3], r[4], r[5], r[6])
 

@@ -225,7 +225,7 @@ def test_lqr_integral_stays_within_its_configured_limit(side: int) -> None:
 
 @pytest.mark.parametrize("law", LAWS)
 def test_law_reverses_when_its_reference_reverses_at_a_cusp(law: Following) -> None:
-    """The law has followed the path in forward direction before the cusp."""
+    """The tractor drives forward before the cusp and stands at the cusp."""
     path = Bend(-1.2)
     r, m = path.at(5.0), MACHINE
     e = Estimate(
