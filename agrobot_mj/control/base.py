@@ -133,8 +133,13 @@ class GuidanceLaw(Learner):
         """Return the new state of the law and the command for a tick of `dt` [s]."""
         raise NotImplementedError
 
+    @property
+    def interpreted(self) -> bool:
+        """Whether compiled ticks must call the method `update`. Default: True."""
+        return True
+
     def linked(self, state: Any, machine: TractorParameters) -> Linked | None:
-        """Return the law for compiled ticks, or None if a tick needs Python. Default: None."""
+        """Return the compiled law for compiled ticks, or None if the next tick cannot be compiled."""
         return None
 
     def resumed(self, state: Any, found: Held[Any], followed: Any, shown: Vector) -> Any:
@@ -237,8 +242,13 @@ class YawController(Reporting):
         """
         raise NotImplementedError
 
+    @property
+    def interpreted(self) -> bool:
+        """Whether compiled ticks must call the methods `update` and `relieve`. Default: True."""
+        return True
+
     def linked(self, state: Any) -> Linked | None:
-        """Return the controller for compiled ticks, or None if a tick needs Python. Default: None."""
+        """Return the compiled controller for compiled ticks, or None if the next tick cannot be compiled."""
         return None
 
     def resumed(self, state: Any, found: Held[Any], shown: Vector) -> Any:

@@ -75,8 +75,13 @@ class Cascade(GuidanceLaw):
             speed, speed_ref = network.update(speed, speed_ref, situation.estimate.speed, dt)
         return CascadeState(controller, yaw_rate_ref, e_yaw_rate, command, ahead, speed), Command(steer, speed_ref)
 
+    @property
+    def interpreted(self) -> bool:
+        """Whether compiled ticks must call the method `update`."""
+        return bool(self.controller.interpreted or self.law.interpreted or self.law.speed_network)
+
     def linked(self, state: CascadeState, machine: TractorParameters) -> Linked | None:
-        """Return the law for compiled ticks, or None if a part of the cascade is interpreted."""
+        """Return the compiled cascade for compiled ticks, or None before the first tick of a network."""
         from agrobot_mj.control import cascade_tick  # imports this module
 
         return cascade_tick.linked(self, state, machine)

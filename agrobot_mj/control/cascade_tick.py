@@ -97,20 +97,19 @@ def cascade_tick(
 
 
 def linked(law: Cascade, state: CascadeState, machine: TractorParameters) -> Linked | None:
-    """Return the cascade for compiled ticks, or None for other laws, a speed network or a yaw controller in Python."""
-    outer, controller = law.law, law.controller.linked(state.controller)
-    if type(outer) not in (Kinematic, Feedforward) or outer.speed_network or controller is None:
+    """Return the cascade for compiled ticks, or None if the next tick of the yaw controller cannot be compiled."""
+    outer: CascadeLaw = law.law
+    if (controller := law.controller.linked(state.controller)) is None:
         return None
-    given: CascadeLaw = outer
-    above = given.scheduled_above_m_s
+    above = outer.scheduled_above_m_s
     numbers = CascadeNumbers(
-        saturation=given.saturation_m_s,
-        gain=given.gain_per_m,
+        saturation=outer.saturation_m_s,
+        gain=outer.gain_per_m,
         above=nan if above is None else above,
         scales=isinstance(outer, Kinematic),
-        ends_turns=given.ends_turns,
+        ends_turns=outer.ends_turns,
         feeds=isinstance(outer, Feedforward),
-        lateral_acceleration=given.lateral_acceleration_m_s2,
+        lateral_acceleration=outer.lateral_acceleration_m_s2,
         wheelbase=machine.wheelbase_m,
         l_r=machine.cg_to_rear_axle,
         steer_limit=machine.steer_limit,

@@ -63,6 +63,9 @@ class Situated(NamedTuple):
     high: float  # Arc lengths of the start and end of the current leg [m]
     near: float  # Arc length around which the nearest point is searched [m]
     preview: float = nan  # Curvature of the reference after the preview time of the cascade `feedforward` [1/m]
+    t: float = nan  # Time since the start of the run [s]
+    roll: float = nan  # Measured roll [rad]
+    implement: tuple[float, float] = (nan, nan)  # Measured east and north position of the implement [m]
 
 
 class PathDeviation(NamedTuple):

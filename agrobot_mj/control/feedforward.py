@@ -26,6 +26,11 @@ class Feedforward(CascadeLaw):
 
     ends_turns: ClassVar = True
 
+    @property
+    def interpreted(self) -> bool:
+        """Whether compiled ticks must call the method `update`, which a subclass may override."""
+        return type(self) is not Feedforward
+
     def feedforward(self, situation: Situation) -> float:
         """Return the feed-forward steering angle [rad] for the curvature at the reference point `preview_s` later."""
         kappa, L = situation.route.at(situation.t + self.preview_s).curvature, situation.machine.wheelbase_m

@@ -111,9 +111,14 @@ class Following(GuidanceLaw):
             found = _followed(limits, deviation, r, seen, wanted, last[1], dt)
         return FollowingState(after, *found, law, reported), Command(found.steer, found.speed)  # type: ignore[call-arg]
 
+    @property
+    def interpreted(self) -> bool:
+        """Whether compiled ticks must call the method `update`."""
+        return not is_compiled(self, "update", "steering", "rolling", "report", "columns")
+
     def linked(self, state: "FollowingState", machine: TractorParameters) -> Linked | None:
-        """Return the law for compiled ticks, or None for an interpreted law and before its first tick."""
-        if state.reported is None or not is_compiled(self, "update", "report", "columns"):
+        """Return the compiled law for compiled ticks, or None before its first tick."""
+        if state.reported is None:
             return None
         return Linked(self.compiled, state.law, state.memory, cast(Any, Followed)(*state[1:9]))
 

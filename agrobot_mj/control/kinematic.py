@@ -162,6 +162,11 @@ class Kinematic(CascadeLaw):
 
     kind: Literal["kinematic"] = "kinematic"
 
+    @property
+    def interpreted(self) -> bool:
+        """Whether compiled ticks must call the method `update`, which a subclass may override."""
+        return type(self) is not Kinematic
+
     def saturation(self, reference: Reference) -> float:
         """Return the saturation k_s [m/s], proportional to sqrt(speed) above the speed `scheduled_above_m_s`.
 

@@ -82,9 +82,14 @@ class Pd(Conventional):
         slope, tau_c = self.conventional(state, yaw_rate_error, dt)
         return slope, YawCommand(clip(tau_c, -steer_limit, steer_limit), tau_c)
 
-    def linked(self, state: FilteredRate) -> Linked | None:
-        """Return the controller for compiled ticks, or None if a subclass changes its output."""
-        return Linked(_tick, held(self.gains), held(state)) if type(self) is Pd else None
+    @property
+    def interpreted(self) -> bool:
+        """Whether compiled ticks must call the method `update`, which a subclass may override."""
+        return type(self) is not Pd
+
+    def linked(self, state: FilteredRate) -> Linked:
+        """Return the controller for compiled ticks."""
+        return Linked(_tick, held(self.gains), held(state))
 
     def resumed(self, state: FilteredRate, found: Held[FilteredRate], shown: Vector) -> FilteredRate:
         """Return the state after compiled ticks."""

@@ -89,9 +89,14 @@ class PdNetwork(Conventional):
         steer = clip(wanted, -steer_limit, steer_limit)
         return NeuroState(slope, learnt, reported, steer != wanted), YawCommand(steer, tau_c, tau_n, q)
 
+    @property
+    def interpreted(self) -> bool:
+        """Whether compiled ticks must call the method `update`, which a subclass may override."""
+        return type(self) not in (PdT2fnn, PdT1fnn)
+
     def linked(self, state: NeuroState) -> Linked | None:
-        """Return the controller for compiled ticks, or None before the first tick or for a subclass."""
-        if state.network is None or type(self) not in (PdT2fnn, PdT1fnn):
+        """Return the controller for compiled ticks, or None before the first tick."""
+        if state.network is None:
             return None
         law = NetworkLaw(self.gains, self.anti_windup, address_of(tick, tick))
         return Linked(_tick, held(law), held(NetworkNumbers(state.slope, state.network, state.saturated)))

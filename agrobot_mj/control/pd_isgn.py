@@ -81,9 +81,14 @@ class PdIsgn(Conventional):
     def _law(self) -> IntegralLaw:
         return IntegralLaw(self.gains, self.alpha, self.delta_s)
 
-    def linked(self, state: IntegralState) -> Linked | None:
-        """Return the controller for compiled ticks, or None if a subclass changes its output."""
-        return Linked(_tick, held(self._law), held(state)) if type(self) is PdIsgn else None
+    @property
+    def interpreted(self) -> bool:
+        """Whether compiled ticks must call the method `update`, which a subclass may override."""
+        return type(self) is not PdIsgn
+
+    def linked(self, state: IntegralState) -> Linked:
+        """Return the controller for compiled ticks."""
+        return Linked(_tick, held(self._law), held(state))
 
     def resumed(self, state: IntegralState, found: Held[IntegralState], shown: Vector) -> IntegralState:
         """Return the state after compiled ticks."""

@@ -91,9 +91,14 @@ class Pi(YawController):
         """Return the state without the last integral step, if this step has the same sign as `excess` [rad]."""
         return relieved(state, excess)
 
-    def linked(self, state: PiState) -> Linked | None:
-        """Return the controller for compiled ticks, or None if a subclass changes its output."""
-        return Linked(_tick, held(PiGains(self.kp, self.ki)), held(state)) if type(self) is Pi else None
+    @property
+    def interpreted(self) -> bool:
+        """Whether compiled ticks must call the method `update`, which a subclass may override."""
+        return type(self) is not Pi
+
+    def linked(self, state: PiState) -> Linked:
+        """Return the controller for compiled ticks."""
+        return Linked(_tick, held(PiGains(self.kp, self.ki)), held(state))
 
     def resumed(self, state: PiState, found: Held[PiState], shown: Vector) -> PiState:
         """Return the state after compiled ticks."""

@@ -11,6 +11,7 @@ from functools import cache
 from math import nan
 from typing import Any, NamedTuple, cast, get_type_hints
 
+from llvmlite.ir import FunctionType, VoidType
 from numba import types
 from numba.core import cgutils
 from numba.core.imputils import impl_ret_new_ref
@@ -54,6 +55,17 @@ def called(form: Any) -> Callable[..., Any]:
         return types.Tuple((types.boolean, result))(address, arguments), generate
 
     return cast(Callable[..., Any], call)
+
+
+@intrinsic  # type: ignore[misc, unused-ignore]
+def call_back(_: Any, address: Any) -> Any:
+    """Call the C function without arguments and result at `address`, which may be a Python function in `ctypes`."""
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        builder.call(builder.inttoptr(values[0], FunctionType(VoidType(), []).as_pointer()), [])
+        return context.get_dummy_value()
+
+    return types.void(address), generate
 
 
 def address_of(function: Any, form: Any, *arguments: object) -> int:

@@ -75,6 +75,11 @@ class StateEstimator(Reporting):
         """Required sensors, each mapped to the scenario key that requires the sensor. Default: none."""
         return {}
 
+    @property
+    def interpreted(self) -> bool:
+        """Whether compiled ticks must call the methods of the estimator. Default: True."""
+        return True
+
     def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> Any:
         """Return the initial state, with the rear axle (ground point R) at (x, y) [m] and the heading `yaw` [rad]."""
         raise NotImplementedError
@@ -108,7 +113,7 @@ class CompiledEstimator(StateEstimator):
         raise NotImplementedError
 
     def linked(self, state: Any) -> Linked | None:
-        """Return the estimator for compiled ticks, or None if a tick needs Python. Default: None."""
+        """Return the compiled estimator for compiled ticks, or None if the next tick cannot be compiled."""
         return None
 
     def resumed(self, state: Any, found: Held[Any], shown: Vector) -> Any:

@@ -255,9 +255,14 @@ class EkfFull(CompiledEstimator):
         found = estimated(state.settings, waiting, horizon.held, Readings.of(m), fix, m.quality, dt)
         return FullState(state.settings, horizon.after(found[0], ticks), state.nothing, found[2]), found[1]
 
+    @property
+    def interpreted(self) -> bool:
+        """Whether compiled ticks must call the methods of the estimator."""
+        return not is_compiled(self, "updated", "report", "columns")
+
     def linked(self, state: FullState) -> Linked | None:
         """Return the estimator for compiled ticks, or None while measurements wait for delayed fixes."""
-        if len(state.horizon.waiting) or not is_compiled(self, "updated", "report", "columns"):
+        if len(state.horizon.waiting):
             return None
         return Linked(self.compiled, state.settings, state.horizon.held, state.nothing)
 

@@ -227,8 +227,8 @@ class PoseEstimator(CompiledEstimator):
             pose=np.array((x, y, yaw, *further)),
             pose_covariance=np.diag(np.square((s, s, s_yaw, *sigmas))),
         )
-        compiled = self.backend == "compiled" and is_compiled(self, "updated", "pose_filter", "steer_bias")
-        law, filters = getattr(pose_filter, "law", None), None if compiled else (velocity_kf, pose_filter)
+        law = getattr(pose_filter, "law", None)
+        filters = None if self._filters_compiled else (velocity_kf, pose_filter)
         return EstimatorState(held(self._settings(tractor)), law and held(law), held(numbers), filters)
 
     def _settings(self, tractor: TractorParameters) -> PoseSettings:
@@ -245,10 +245,17 @@ class PoseEstimator(CompiledEstimator):
             velocity_walk=self.velocity_walk_m_s_rt_s,
         )
 
-    def linked(self, state: EstimatorState) -> Linked | None:
-        """Return the estimator for compiled ticks, or None if the filters are evaluated in Python."""
-        if state.filters or not is_compiled(self, "updated", "report", "columns"):
-            return None
+    @property
+    def interpreted(self) -> bool:
+        """Whether compiled ticks must call the methods of the estimator."""
+        return not (self._filters_compiled and is_compiled(self, "report", "columns"))
+
+    @property
+    def _filters_compiled(self) -> bool:
+        return self.backend == "compiled" and is_compiled(self, "updated", "pose_filter", "steer_bias")
+
+    def linked(self, state: EstimatorState) -> Linked:
+        """Return the compiled estimator for compiled ticks."""
         return Linked(self.compiled, state.settings, state.numbers, state.law)
 
     def resumed(self, state: EstimatorState, found: Held[PoseState], shown: Vector) -> EstimatorState:

@@ -181,14 +181,17 @@ class Suite:
         self, state: SensorState, values: Held[Values], found: SensorReadings, sound: bool
     ) -> tuple[SensorState, Measurement]:
         """Return the new state and the measurement of a tick without faults, delayed solutions and other sensors."""
-        canopies, line, _, _ = state.delivery
-        fix = Fix(*found.gnss)
+        (canopies, line, _, _), measured = state.delivery, self.measurement(found)
         if self.gnss.dual_antenna.enabled:
-            line, fix = SignalLine(found.heading), Fix(*found.gnss, wrap(found.heading))
-        readings = self._readings(found, GnssReading(fix, Quality.FIX))
-        delivery = Delivery(canopies, line, (), fix)
+            line = SignalLine(found.heading)
+        delivery, readings = Delivery(canopies, line, (), measured.fix), cast(dict[str, Any], measured.readings)
         after = SensorState(state.generators, values, delivery, state.states, readings, state.lines[:0], sound)
-        return after, _measurement(fix.t, readings)
+        return after, measured
+
+    def measurement(self, found: SensorReadings) -> Measurement:
+        """Return the measurement of a tick without faults and delayed solutions from the numbers of the sensors."""
+        heading = wrap(found.heading) if self.gnss.dual_antenna.enabled else nan
+        return _measurement(found.gnss[4], self._readings(found, GnssReading(Fix(*found.gnss, heading), Quality.FIX)))
 
     def _readings(self, found: SensorReadings, gnss: GnssReading) -> dict[str, Any]:
         """Return the measurements by sensor name, with the solution `gnss` delivered in the tick."""

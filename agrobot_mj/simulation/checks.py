@@ -120,9 +120,16 @@ class Stage(Generic[Message]):
         """Wrap `method` of `part`. Error messages name `name` and `kind`. `passed` checks and converts each result."""
         self.names, self.part, self.message, self.passed, self.method = (name, kind), part, message, passed, method
         self.maker, self.numbers = f"{name} ({kind})", Numbers(message)
+        self.pending: tuple[Any, Message] | BaseException | None = None
+        """Result for the current tick if an episode has called the stage and ended before the tick, otherwise None."""
 
     def update(self, *arguments: Any) -> tuple[Any, Message]:
         """Call a stage that has a state. Return the new state and the checked message."""
+        if pending := self.pending:
+            self.pending = None
+            if isinstance(pending, BaseException):
+                raise pending
+            return pending
         found = self._found(arguments)
         if self.method == "updated":  # by a compiled estimator
             if _is_finite(found[1]):

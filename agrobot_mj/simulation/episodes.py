@@ -1,9 +1,9 @@
 """Episodes: consecutive ticks of a run in one compiled call, without Python between the stages.
 
-An episode gives the same bits as the same ticks of a `Loop`. Its ticks are regular: without faults and events, with
-compiled stages and a receiver without latency. The stages are compiled separately and called by address
-(`core.calls`). An episode ends before a tick with an event, such as a change of the brake, the end of the path or a
-number that is not finite; `Simulation.step` then performs this tick.
+An episode gives the same bits as the same ticks of a `Loop`. Its ticks are regular: without faults and events, with a
+receiver without latency. The stages are compiled separately and called by address (`core.calls`); a guidance law or an
+estimator in Python is called back (`interpreted`). An episode ends before a tick with an event, such as a change of the
+brake, the end of the path or a number that is not finite; `Simulation.step` then performs this tick.
 """
 
 from math import hypot, inf, isfinite, isnan, nan
@@ -20,7 +20,7 @@ from agrobot_mj.control.supervisor import Mode
 from agrobot_mj.core.calls import Linked, address_of, called
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.held import Held
-from agrobot_mj.core.kernels import COMPILES, fetched, held, jit, stage
+from agrobot_mj.core.kernels import fetched, held, jit, stage
 from agrobot_mj.core.samples import STEP_M, WINDOW_M, reference_in
 from agrobot_mj.core.signals import (
     NOMINAL,
@@ -36,8 +36,7 @@ from agrobot_mj.core.signals import (
     Truth,
     Vector,
 )
-from agrobot_mj.estimation.base import Readings, estimator_form
-from agrobot_mj.faults.base import Scripted
+from agrobot_mj.estimation.base import CompiledEstimator, Readings, estimator_form
 from agrobot_mj.paths.route import references_at
 from agrobot_mj.plants import MujocoPlant
 from agrobot_mj.plants.mujoco.c_api import fail
@@ -47,6 +46,7 @@ from agrobot_mj.sensors.gnss import CLEAR
 from agrobot_mj.sensors.sensing import Addresses, Laws, SensorReadings, Values, sense
 from agrobot_mj.simulation.checks import ABSURD_STEER, is_finite, possible
 from agrobot_mj.simulation.columns import COLUMNS, write_row
+from agrobot_mj.simulation.interpreted import InterpretedEstimator, InterpretedLaw, interpreted_stages
 from agrobot_mj.simulation.log import Rows
 from agrobot_mj.simulation.loop import SATURATION_MARGIN, Loop
 from agrobot_mj.simulation.low_level import run_loops
@@ -109,6 +109,7 @@ class RunNumbers(NamedTuple):
     steer_limit: float  # Maximum steering angle [rad]
     saturation: float  # Steering angle above which a command counts as saturated [rad]
     braking: float  # Applied fraction of the brake torque [-]
+    measured: Vector  # Array that receives the measurements for an estimator in Python; empty for other estimators
     columns: Columns
 
 
@@ -196,12 +197,13 @@ def _decided(
 ) -> Planned:
     """Return the decisions of the guidance law, the supervisor and the low-level loops."""
     near, m = now.followed.s, now.readings
-    seen = Situated(now.estimate, m.steering_pot, path.leg[0], path.leg[1], near, preview)
+    leg, implement = path.leg, (m.implement_gnss.x, m.implement_gnss.y)
+    seen = Situated(now.estimate, m.steering_pot, leg[0], leg[1], near, preview, m.gnss[4], m.imu.roll, implement)
     last = now.followed.direction, now.followed.speed
     done, (guidance, found, most, guided) = _guide(
         code.guide, (links.guidance, now.guidance, last, path.samples, seen, r, TICK_S)
     )
-    reach = most + STEP_M if isnan(near) else max(most + STEP_M, max(near, path.leg[0]) + WINDOW_M)
+    reach = most + STEP_M if isnan(near) else max(most + STEP_M, max(near, leg[0]) + WINDOW_M)
     regular = (
         done and isfinite(found.steer + found.speed) and abs(found.steer) <= ABSURD_STEER and reach <= path.sampled
     )
@@ -314,6 +316,14 @@ def _estimated(
 ) -> tuple[bool, Current]:
     """Update the estimate. Return whether the estimate is finite, and the new state with the measurement `m`."""
     seen, fix = _readings(m), _fix_at_axle(now.receiver, m, s)
+    if s.measured.size:
+        x, y, vx, vy, t, z = m.gnss
+        angles, implement = m.imu, m.implement_gnss
+        for k, value in enumerate((
+            x, y, vx, vy, t, z, m.heading, m.steering_pot, m.pedal_pot, m.gyro, angles.roll, angles.pitch,
+            angles.force_x, angles.force_y, angles.force_z, m.wheel_speed, m.radar_speed, implement.x, implement.y,
+        )):  # fmt: skip
+            s.measured[k] = value
     done, (estimator, estimate, shown) = _estimate(
         code.estimate, (links.settings, links.filter, now.estimator, seen, fix, FIXED, TICK_S)
     )
@@ -398,14 +408,14 @@ class Episodes:
     """Episodes of the run of a `Loop`, logged in `Rows`."""
 
     def __init__(self, loop: Loop, rows: Rows) -> None:
-        """Prepare the episodes of a run. Runs with interpreted stages have no episodes."""
+        """Prepare the episodes of a run. Runs with other interpreted stages than law and estimator have no episodes."""
         self.loop, self.rows, self.paused, self.moving = loop, rows, -PAUSE, False
-        s, plant = loop.scenario, loop.plant
-        plain = loop.suite.plain and loop.suite.compiled_only and loop.loops.part.other is None and COMPILES
-        plain = plain and all(type(fault).active is Scripted.active for fault in s.fault)
-        self.possible = plain and type(plant) is MujocoPlant and loop.estimator.method == "updated"
+        self.interpreted = interpreted_stages(loop)
+        self.possible = {"guidance", "estimator"}.issuperset(self.interpreted) and not loop.guidance.outside
+        self.law = InterpretedLaw(loop) if self.possible and "guidance" in self.interpreted else None
+        self.filter = InterpretedEstimator(loop) if self.possible and "estimator" in self.interpreted else None
         place = {column: k for k, column in enumerate(rows.columns)}
-        parts = loop.guidance, s.estimator, plant
+        parts = loop.guidance, loop.scenario.estimator, loop.plant
         names = SENSED, *([column.name for column in part.columns] for part in parts)
         groups: Any = [np.array([place.get(name, -1) for name in group], dtype=np.int64) for group in names]
         sensed, guided, shown, implement = groups
@@ -422,7 +432,14 @@ class Episodes:
             return None
         if cast(MujocoPlant, loop.plant).conditions != NOMINAL:  # of the last tick of a fault
             return None
-        estimator, guidance = s.estimator.linked(state.estimator), loop.guidance.linked(state.guidance, s.tractor)
+        if self.filter:
+            estimator: Linked | None = self.filter.linked(state.estimator)
+        else:
+            estimator = cast(CompiledEstimator, s.estimator).linked(state.estimator)
+        if self.law:
+            guidance: Linked | None = self.law.linked(state.guidance)
+        else:
+            guidance = loop.guidance.linked(state.guidance, s.tractor)
         if estimator is None or guidance is None:
             return None
         if not loop.supervisor.enabled:
@@ -449,7 +466,8 @@ class Episodes:
         self.paused = -PAUSE
 
     def _perform(self, stages: LinkedStages, standstill: Standstill, most: int) -> tuple[int, Standstill]:
-        rows, plant, (measured, situation) = self.rows, cast(MujocoPlant, self.loop.plant), self.loop.now()
+        loop, rows, (measured, situation) = self.loop, self.rows, self.loop.now()
+        plant = cast(MujocoPlant, loop.plant)
         if (parts := plant.code()) is None or measured.fix is None:
             return 0, standstill
         try:
@@ -474,8 +492,12 @@ class Episodes:
         if done:
             complete = reason in (DONE, EVENT)
             self._resume(found, Reference(*planned.references[done - (not complete)].tolist()), complete)
-            if reason == INVALID:
-                self.loop.receive(*self.loop.suite.immediate(self.loop.stages.sensors.sensors, *sensed))
+        if self.law:
+            loop.stages.guidance = self.law.end(done)
+        if self.filter:
+            loop.stages.estimator = self.filter.end(done - (reason in (TROUBLE, INVALID)))
+        if reason == INVALID:
+            loop.receive(*loop.suite.immediate(loop.stages.sensors.sensors, *sensed))
         self.moving = False
         return done, found.standstill
 
@@ -529,6 +551,7 @@ class Episodes:
             steer_limit=limit,
             saturation=limit - SATURATION_MARGIN,
             braking=plant.braking,
+            measured=self.filter.measured if self.filter else NO_SAMPLES,
             columns=self.columns,
         )
 
@@ -572,12 +595,15 @@ class Episodes:
         loop, state = self.loop, self.loop.stages
         cast(MujocoPlant, loop.plant).resume(now.truth, now.motion, now.clear, now.ticks)
         loop.seen, state.wiring = now.truth, now.drive
-        state.guidance = loop.guidance.resumed(state.guidance, now.guidance, now.followed, now.guided)
+        if not self.law:
+            state.guidance = loop.guidance.resumed(state.guidance, now.guidance, now.followed, now.guided)
         if loop.supervisor.enabled:
             state.supervisor = tracking(state.supervisor, now.supervision, now.pedal)
         state.speed, state.steering, state.brake = now.loops
         state.receiver = now.receiver
-        state.estimator = loop.scenario.estimator.resumed(state.estimator, now.estimator, now.estimated)
+        if not self.filter:
+            estimator = cast(CompiledEstimator, loop.scenario.estimator)
+            state.estimator = estimator.resumed(state.estimator, now.estimator, now.estimated)
         sensors, measured = loop.suite.immediate(state.sensors.sensors, now.values, now.readings, True)
         state.sensors = state.sensors._replace(sensors=sensors, steer=measured.steer, pedal=measured.pedal)
         loop.sensed = measured, loop.situation(measured, now.estimate, reference)

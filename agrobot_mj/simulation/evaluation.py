@@ -9,6 +9,7 @@ from agrobot_mj.metrics.progress import PathProgress, commanded_progress, progre
 from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.diagnosis import diagnosis
+from agrobot_mj.simulation.interpreted import interpreted_stages
 from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.loop import Loop
 
@@ -51,6 +52,7 @@ class Evaluation:
             **found,
             **diagnosis(log, view, found),
             "physics_warnings": plant.warnings(),
+            **({"interpreted_stages": ", ".join(stages)} if (stages := interpreted_stages(self.loop)) else {}),
             "real_time_factor": self.rows.filled * TICK_S / max(wall_s, 1e-9),
             "wall_s": wall_s,
             "identity": identity,

@@ -144,7 +144,7 @@ class Simulation:
         """Advance by at least one and at most `ticks` ticks with the guidance law; return the measurement at the end.
 
         The result is bit-identical to that of repeated calls of `step()` without arguments, which take more time.
-        Ticks with faults, events or interpreted stages are performed one at a time. Raises the errors of `step`.
+        Ticks with faults or events are performed one at a time. Raises the errors of `step`.
         """
         check_argument("ticks", ticks, isinstance(ticks, int), "a whole number")
         with self._guard:

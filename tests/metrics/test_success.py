@@ -11,7 +11,7 @@ NO_ERRORS = {
     "outcome", "stop_reason", "progress", "nn_share", "position_nees", "position_nis", "steer_saturated_fraction",
     "hitch_angle_abs_p95", "hitch_pull_mean", "physics_warnings", "real_time_factor", "wall_s", "identity",
     "level_sideslip", "estimate_warning", "braked_drift_m",
-    "antenna_mounting",
+    "antenna_mounting", "interpreted_stages",
 }  # fmt: skip
 """Metrics that are also defined for failed runs."""
 

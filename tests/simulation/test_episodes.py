@@ -43,6 +43,17 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "left terrain": ("off_the_field", {}),
     "stuck": ("stuck_on_ice", {}),
     "reverse": ("reverse_into_row", {}),
+    "interpreted law": ("slalom", {**RECOMMENDED, "guidance.kind": "pure_pursuit"}),
+    "interpreted controller": ("figure_eight", {"controller.kind": "open_loop"}),
+    "interpreted estimator": ("figure_eight", {**RECOMMENDED, "estimator.kind": "ukf", "tractor.antenna_left_m": 0.4}),
+    "interpreted law and estimator": (
+        "side_slope_10",
+        {
+            "guidance.kind": "pure_pursuit",
+            "estimator": {"kind": "ekf_bias", "backend": "filterpy"},
+            "sensors.gnss.dual_antenna.enabled": True,
+        },
+    ),
 }
 
 

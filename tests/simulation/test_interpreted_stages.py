@@ -1,0 +1,165 @@
+"""Guidance laws and estimators in Python within episodes."""
+
+from math import nan
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+from numba import config
+
+from agrobot_mj import load_scenario, run
+from agrobot_mj.control.base import GuidanceLaw
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.signals import Column, Command, Estimate
+from agrobot_mj.estimation.base import StateEstimator
+from agrobot_mj.simulation.episodes import SHORTEST
+from agrobot_mj.simulation.stepping import Simulation
+
+pytestmark = [
+    pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled"),
+    pytest.mark.filterwarnings("ignore:Pydantic serializer"),
+]
+
+
+class Counting(GuidanceLaw):
+    """Law with side effects: it stores the time of each call, and its behaviour depends on the keys."""
+
+    kind: Literal["counting"] = "counting"
+    calls: list[float] = []
+    voltage_between: tuple[float, float] = (nan, nan)
+    fails_at: float = nan
+    nan_at: float = nan
+    numbers: int = 1
+
+    def update(self, state, situation, dt):
+        self.calls.append(situation.t)
+        if situation.t >= self.fails_at:
+            raise ValueError(f"no command at {situation.t:.2f} s")
+        steer = nan if situation.t >= self.nan_at else 0.02 * np.sin(situation.t)
+        low, high = self.voltage_between
+        voltage = 6.4 if low <= situation.t < high else None
+        return None, Command(float(steer), 1.2, voltage)
+
+    @property
+    def columns(self):
+        return (Column("called", "-", "number of calls"),)
+
+    def report(self, state):
+        return [float(len(self.calls))] * (self.numbers if len(self.calls) > 30 else 1)
+
+
+class FromTruth(StateEstimator):
+    """Estimator that returns the fix, with an error after the time `wrong_after`."""
+
+    kind: Literal["from_truth"] = "from_truth"
+    wrong_after: float = nan
+    wrong: Any = None
+
+    def init(self, x, y, yaw, tractor):
+        return (x, y, yaw)
+
+    def update(self, state, measurement, dt):
+        x, y, yaw = state
+        assert measurement.readings["gnss"].fix[:2] == measurement.fix[:2]
+        if measurement.fix:
+            x, y = measurement.fix.x, measurement.fix.y
+        if measurement.t > self.wrong_after and self.wrong == "raise":
+            raise RuntimeError("lost")
+        found = self.wrong if measurement.t > self.wrong_after else 0.01
+        return (x, y, yaw), Estimate(x, y, yaw, found, 0.0, x, y, 0.01 * np.eye(3))
+
+
+def simulated(part: Any, most: int, name: str = "guidance", **overrides: Any) -> Simulation:
+    """Return a finished simulation with an own law or estimator, in calls of `advance` or, for `most` 0, of `step`."""
+    base = load_scenario("straight_line", {"duration_s": 12.0, **overrides})
+    sim = Simulation(base.model_copy(update={name: part}))
+    sim.reset()
+    advance_to_end(sim, most)
+    return sim
+
+
+def advance_to_end(sim: Simulation, most: int) -> None:
+    calls = 0
+    while not sim.done:
+        calls += 1
+        if most:
+            sim.advance(most)
+        else:
+            sim.step()
+    assert most < 200 or calls < 0.6 * sim.rows.filled
+
+
+def ended(sim: Simulation) -> tuple[Any, ...]:
+    values = np.ascontiguousarray(sim.rows.values[: sim.rows.filled])
+    return sim.outcome, sim.reason, sim.rows.filled, values.tobytes()
+
+
+@pytest.mark.parametrize("most", [0, SHORTEST, 200])
+@pytest.mark.parametrize("law", [{}, {"voltage_between": (3.02, 6.0)}, {"nan_at": 4.0}])
+def test_law_with_side_effects_is_called_once_per_tick(law, most):
+    sim = simulated(Counting(calls=[], **law), most)
+    times = sim.scenario.guidance.calls
+    assert times == sorted(set(times))
+    assert len(times) == sim.rows.filled + (sim.outcome == "diverged")
+
+
+@pytest.mark.parametrize("law", [{}, {"voltage_between": (3.02, 6.0)}, {"nan_at": 4.0}])
+def test_log_with_an_own_law_does_not_depend_on_episodes(law):
+    single, episodes = (simulated(Counting(calls=[], **law), most) for most in (0, 200))
+    assert ended(single) == ended(episodes)
+
+
+@pytest.mark.parametrize("part", [FromTruth(), FromTruth(wrong_after=5.0, wrong=nan)])
+def test_log_with_an_own_estimator_does_not_depend_on_episodes(part):
+    single, episodes = (simulated(part, most, "estimator") for most in (0, 200))
+    assert ended(single) == ended(episodes)
+
+
+@pytest.mark.parametrize(
+    ("part", "name", "error", "text"),
+    [
+        (Counting(fails_at=5.0), "guidance", ValueError, "no command at 5.00 s"),
+        (Counting(numbers=2), "guidance", ScenarioError, "must return 1 numbers"),
+        (FromTruth(wrong_after=5.0, wrong="raise"), "estimator", RuntimeError, "lost"),
+        (FromTruth(wrong_after=5.0, wrong="fast"), "estimator", ScenarioError, "non-numeric"),
+    ],
+)
+def test_error_of_an_interpreted_stage_is_raised_at_the_same_tick(part, name, error, text):
+    filled = []
+    for most in (0, 200):
+        sim = Simulation(load_scenario("straight_line", {"duration_s": 12.0}).model_copy(update={name: part}))
+        sim.reset()
+        part.__dict__.get("calls", []).clear()
+        with pytest.raises(error, match=text):
+            advance_to_end(sim, most)
+        filled.append(sim.rows.filled)
+    assert filled[0] == filled[1] > 0
+
+
+@pytest.mark.parametrize(
+    ("overrides", "stages"),
+    [
+        ({}, None),
+        ({"guidance.kind": "pure_pursuit"}, "guidance"),
+        ({"guidance.kind": "pure_pursuit", "estimator.kind": "ukf"}, "estimator, guidance"),
+        ({"sensors.gnss.latency_s": 0.1}, "sensors"),
+        ({"plant.kind": "bicycle"}, "plant"),
+    ],
+)
+def test_metrics_name_the_interpreted_stages(overrides, stages):
+    log = run(load_scenario("straight_line", {"duration_s": 1.0, **overrides}))
+    assert log.metrics.get("interpreted_stages") == stages
+
+
+def test_simulation_with_an_interpreted_law_is_deleted_with_its_last_reference():
+    import gc
+    import weakref
+
+    sim = simulated(Counting(calls=[]), 200)
+    loop = weakref.ref(sim.loop)
+    gc.disable()
+    try:
+        del sim
+        assert loop() is None
+    finally:
+        gc.enable()
