@@ -151,7 +151,7 @@ def test_metrics_name_the_interpreted_stages(overrides, stages):
     assert log.metrics.get("interpreted_stages") == stages
 
 
-def test_simulation_with_an_interpreted_law_is_deleted_with_its_last_reference():
+def test_simulation_with_an_interpreted_law_is_freed_at_once():
     import gc
     import weakref
 
