@@ -1,1 +1,2 @@
-"""Modules used by the whole package: signals, configuration, errors, geometry, random numbers, kernels and files."""
+"""Basic modules used by the whole package: messages, configuration, errors, geometry, random numbers, kernels and
+files."""

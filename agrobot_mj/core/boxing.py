@@ -1,9 +1,9 @@
 """Conversion of kernel results to Python objects in C, without Python code that a signal handler could interrupt.
 
-Numba runs Python code to find the class of a named tuple and the type of an array, and to create a named tuple. A
-signal handler that raises KeyboardInterrupt in this code causes a segmentation fault. This module therefore stores the
-classes as constants of the kernel and creates the tuples with `tuple.__new__`. Only the first conversion of an array
-type runs Python code.
+By default, numba runs Python code to find the class of a named tuple and the type of an array, and to create a named
+tuple. A signal handler that raises KeyboardInterrupt in this code causes a segmentation fault. This module therefore
+stores the classes as constants of the kernel and creates the tuples with `tuple.__new__`. Only the first conversion of
+an array type runs Python code.
 """
 
 from functools import lru_cache
@@ -22,7 +22,7 @@ def box_in_c() -> None:
 
 
 def _box_record(kind: Any, value: Any, c: Any) -> Any:
-    """Convert a native value to a Python named tuple; `c` is numba's conversion context."""
+    """Convert a native `value` to a Python named tuple of the numba type `kind`; `c` is numba's conversion context."""
     new, cls = (_constant(c, part) for part in (tuple.__new__, kind.instance_class))
     values = box_tuple(kind, value, c)
     arguments = c.pyapi.tuple_pack([cls, values])

@@ -1,9 +1,9 @@
-"""Calls between separately compiled functions by address.
+"""Calls by address between separately compiled functions.
 
-Numba includes the code of a called function in its caller. A caller of all stages of a tick would therefore be compiled
-again for each combination of stages. With a call by address each stage is compiled once, and one caller serves all
-combinations. Stages with different states have the same signature, because references to states (`Held`) of all types
-are alike in compiled code.
+By default, numba includes the code of a called function in its caller. A caller of all stages of a tick would therefore
+be compiled again for each combination of stages. With calls by address, each stage is compiled once, and one caller
+serves all combinations. Stages with different states have the same signature, because references to states (`Held`) of
+all types are alike in compiled code.
 """
 
 from collections.abc import Callable
@@ -27,15 +27,16 @@ class Linked(NamedTuple):
     function: Any  # Compiled function of a tick, a `stage` or the result of `bound`
     law: Held[Any]  # Parameters of the stage
     state: Held[Any]  # Current state of the stage
-    inputs: Any = None  # Second parameters of an estimator, or last result (`Followed`) of a guidance law
+    inputs: Any = None  # Additional parameters of an estimator, or last result (`Followed`) of a path-following law
     preview_s: float = nan  # Preview time of a guidance law for `Situated.preview` [s], or NaN
 
 
 def called(form: Any) -> Callable[..., Any]:
-    """Return a kernel function `call(address, arguments)` that calls functions with the annotations of `form`.
+    """Return a kernel function `call(address, arguments)`, which calls the compiled function at an address.
 
-    The arguments are a tuple of the annotated types; a reference to any state matches `Held[Any]`. The call returns
-    whether the function succeeded, and its result, which is zero after an error.
+    The called function must have the annotations of the function `form`, and the arguments are a tuple of the annotated
+    types. A reference to any state matches `Held[Any]`. The call returns whether the function succeeded, and the result
+    of the function, which is zero after an error.
     """
     hints = {name: declared(hint) for name, hint in get_type_hints(form, include_extras=True).items()}
     result, kinds = hints.pop("return"), tuple(hints.values())
@@ -69,9 +70,10 @@ def call_back(_: Any, address: Any) -> Any:
 
 
 def address_of(function: Any, form: Any, *arguments: object) -> int:
-    """Return the address of the machine code of a function with the annotations of `form`; see `kernels.code_of`.
+    """Return the machine-code address of a `stage` or, with `arguments`, of a kernel compiled for their types.
 
-    Raises TypeError if the compiled arguments or results differ from those of `form`, except in the types of states.
+    Raises TypeError if the argument or result types differ from the annotations of `form`, except in the types of
+    states.
     """
     return _address(code_of(function, *arguments), form) if arguments else _stage_address(function, form)
 

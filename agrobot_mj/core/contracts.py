@@ -14,7 +14,7 @@ Message = TypeVar("Message")
 
 @contextmanager
 def without_exit() -> Iterator[None]:
-    """Convert a SystemExit raised by plugin code within the block to `ScenarioError`."""
+    """Convert a SystemExit that plugin code raises within the block to `ScenarioError`."""
     try:
         yield
     except SystemExit as error:
@@ -34,35 +34,38 @@ def check_overrides(overrides: object) -> None:
 
 
 def check_update(found: Any, message: type[Message], stage: str, kind: str, method: str) -> tuple[Any, Message]:
-    """Return the pair `found`. Raises `ScenarioError` unless the pair contains a state and an instance of `message`."""
+    """Return `found`, the result of a plugin method. Raises `ScenarioError` unless it is a pair (state, `message`
+    object)."""
     if isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], message):
         return found
     raise _refusal(found, f"its state and {_one(message)}", stage, kind, method)
 
 
 def check_type(found: Any, wanted: type[Message], stage: str, kind: str, method: str) -> Message:
-    """Return the result `found` of a plugin method. Raises `ScenarioError` unless `found` has the type `wanted`."""
+    """Return `found`, the result of a plugin method. Raises `ScenarioError` unless it is an instance of `wanted`."""
     if isinstance(found, wanted):
         return found
     raise _refusal(found, _one(wanted), stage, kind, method)
 
 
 def check_pair(found: Any, wanted: str, stage: str, kind: str, method: str) -> tuple[Any, Any]:
-    """Return `found` if it is a pair. Otherwise raise `ScenarioError`; `wanted` describes the expected pair."""
+    """Return `found`, the result of a plugin method. Raises `ScenarioError` with the text `wanted` unless it is a
+    pair."""
     if isinstance(found, tuple) and len(found) == 2:
         return found
     raise _refusal(found, wanted, stage, kind, method)
 
 
 def is_compiled(part: Any, *methods: str) -> bool:
-    """Return whether `part.compiled` exists and no subclass overrides one of the `methods` that `compiled` replaces."""
+    """Return whether a stage has compiled code and no subclass overrides one of the `methods` that this code
+    replaces."""
     kinds = type(part).__mro__
     first = {name: next(k for k, kind in enumerate(kinds) if name in vars(kind)) for name in ("compiled", *methods)}
     return part.compiled is not None and first["compiled"] == min(first.values())
 
 
 def one_line(value: Any) -> str:
-    """Return the representation of a value on one line, shortened for a message."""
+    """Return the `repr` of a value on one line, shortened for a message."""
     return shortened(" ".join(repr(value).split()))
 
 

@@ -18,11 +18,12 @@ from agrobot_mj.core.spec import Spec
 
 T = TypeVar("T")
 ATOMS = frozenset({float, int, bool, str, bytes, complex, NoneType, np.float64, np.int64, np.bool_, Reference})
-"""Immutable types, whose values are shared between copies."""
+"""Immutable types. A copy and its original share objects of these types."""
 
 
 def independent(value: T) -> T:
-    """Return a copy that shares no mutable objects with `value`; arrays keep their memory order and flags."""
+    """Return a copy of `value` that shares only immutable objects with `value`; arrays keep their memory order and
+    flags."""
     return cast(T, _copied(value, {}))
 
 

@@ -19,8 +19,8 @@ LIKENESS = 0.6  # Minimum similarity of a word suggested in place of an unknown 
 
 
 def shortened(text: str, most: int = LONGEST_VALUE) -> str:
-    """Return `text`, abbreviated if longer than `most` characters: an ellipsis replaces the middle, and the length
-    follows."""
+    """Return `text`; if longer than `most` characters, with an ellipsis in place of its middle and its length
+    appended."""
     return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 4 :]} ({len(text)} characters)"
 
 
@@ -40,14 +40,14 @@ def bounded(text: str) -> str:
 
 
 class ScenarioError(ValueError):
-    """Error for invalid input; its text is the complete message for the user."""
+    """Error for invalid user input, such as a scenario or a file; its text is the complete message for the user."""
 
     def __init__(self, text: str = "") -> None:
         super().__init__(bounded(str(text)))
 
 
 class CommandError(ValueError):
-    """Error for an external command that cannot be carried out."""
+    """Error for a command during an interactive drive that cannot be carried out."""
 
 
 class NotFiniteError(ArithmeticError):
@@ -55,7 +55,8 @@ class NotFiniteError(ArithmeticError):
 
 
 def suggestion(word: str, known: Sequence[str]) -> str:
-    """Return `; did you mean 'x'?` with the known word most similar to `word`, or an empty string. Case is ignored."""
+    """Return `; did you mean 'x'?` with the name in `known` most similar to `word`, ignoring case; "" if none is
+    similar."""
     by_lower = {name.lower(): name for name in known}
     close = get_close_matches(word.lower(), by_lower, n=1, cutoff=LIKENESS)
     return f"; did you mean {by_lower[close[0]]!r}?" if close else ""
@@ -72,12 +73,12 @@ EXTRAS = {
 
 
 def installed(module: str) -> bool:
-    """Return whether a library can be imported."""
+    """Return whether the library `module` is installed; the library is not imported."""
     return find_spec(module) is not None
 
 
 def missing_extra(error: ModuleNotFoundError) -> str:
-    """Return the install instruction if `error` reports a missing optional library, otherwise an empty string."""
+    """Return the pip command for the missing optional library that `error` reports, or "" for any other module."""
     package = (error.name or "").partition(".")[0]
     if package not in EXTRAS:
         return ""
@@ -86,7 +87,7 @@ def missing_extra(error: ModuleNotFoundError) -> str:
 
 
 def required(module: str, extra: str, purpose: str) -> Any:
-    """Import and return a module. Raises `ScenarioError` with the install command of `extra` if the import fails."""
+    """Import and return a module. If this fails, raise `ScenarioError` with the command that installs the pip extra."""
     try:
         return import_module(module)
     except ImportError as error:

@@ -1,8 +1,9 @@
 """Local plane on the Earth: conversion between east and north coordinates [m] and latitude and longitude [deg].
 
-The length of a degree is a truncated series for the WGS84 ellipsoid, as in guidance programs for farm machines. The
-length of a degree of latitude is evaluated at the origin, and that of longitude at the latitude of the point. The east
-axis follows the parallel: at 51 degrees north, 500 m from the origin, the axis is 24 mm north of a straight line.
+The length of a degree is computed from a truncated series for the WGS84 ellipsoid, as in guidance programs for farm
+machines. The length of a degree of latitude is evaluated at the origin, and the length of a degree of longitude at the
+latitude of the point. The east axis follows the parallel: at 51 degrees north, 500 m from the origin, the axis is 24 mm
+north of a straight line.
 """
 
 from math import cos, radians
@@ -44,19 +45,19 @@ def metres_per_longitude(latitude: float) -> float:
 
 
 def to_geodetic(origin: Origin, east: float, north: float) -> tuple[float, float]:
-    """Convert coordinates east and north of the origin [m] to latitude and longitude [deg]."""
+    """Convert distances `east` and `north` of the origin [m] to latitude and longitude [deg]."""
     latitude = origin.latitude + north / metres_per_latitude(origin.latitude)
     return latitude, origin.longitude + east / metres_per_longitude(latitude)
 
 
 def to_local(origin: Origin, latitude: float, longitude: float) -> tuple[float, float]:
-    """Convert latitude and longitude [deg] to coordinates east and north of the origin [m]."""
+    """Convert latitude and longitude [deg] to distances east and north of the origin [m]."""
     north = (latitude - origin.latitude) * metres_per_latitude(origin.latitude)
     return (longitude - origin.longitude) * metres_per_longitude(latitude), north
 
 
 def local_points(origin: Origin, latitude: Array, longitude: Array) -> Array:
-    """Convert latitudes and longitudes (n,) [deg] to coordinates east and north of the origin, shape (n, 2) [m]."""
+    """Convert latitudes and longitudes (n,) [deg] to distances east and north of the origin, shape (n, 2) [m]."""
     lengths = np.array([metres_per_longitude(each) for each in latitude.tolist()])
     north = (latitude - origin.latitude) * metres_per_latitude(origin.latitude)
     return np.column_stack([(longitude - origin.longitude) * lengths, north])

@@ -17,7 +17,7 @@ def wrap(angle: Angle) -> Angle:
 
 
 def to_heading(yaw: float, east: float, north: float) -> tuple[float, float]:
-    """Rotate an ENU vector (east, north) to the frame (forward, left) with heading `yaw` [rad]."""
+    """Rotate an ENU vector (east, north) to components (forward, left) in a frame with heading `yaw` [rad]."""
     c, s = cos(yaw), sin(yaw)
     return c * east + s * north, -s * east + c * north
 
@@ -29,7 +29,8 @@ def from_heading(yaw: float, forward: float, left: float) -> tuple[float, float]
 
 
 def along_arc(start: tuple[float, float, float], curvature: float, distance: float) -> tuple[float, float, float]:
-    """Return x, y [m] and heading [rad] at a `distance` [m] from pose `start` along an arc of `curvature` [1/m]."""
+    """Return x, y [m] and heading [rad] after `distance` [m] along an arc of `curvature` [1/m] from the pose
+    `start`."""
     x, y, yaw = start
     half_turn = curvature * distance / 2
     chord = distance * (sin(half_turn) / half_turn if half_turn else 1.0)
@@ -53,7 +54,7 @@ def to_body(roll: float, pitch: float, vector: tuple[float, float, float]) -> tu
 
 
 def check_polygon(points: Sequence[tuple[float, float]]) -> None:
-    """Raise ValueError naming the key `points` if the corners do not enclose an area."""
+    """Raise ValueError with the key `points` in its text if the corners of a polygon do not enclose an area."""
     if len(set(points)) < 3:
         raise ValueError("points: the polygon has fewer than 3 different corners; add corners")
     lengths = np.linalg.svd(np.array(points) - points[0], compute_uv=False)
@@ -62,7 +63,7 @@ def check_polygon(points: Sequence[tuple[float, float]]) -> None:
 
 
 def in_polygon(points: Sequence[tuple[float, float]], x: float, y: float) -> bool:
-    """Return whether the point (x, y) is inside a polygon, by counting the edges that a ray to the east crosses."""
+    """Return whether the point (x, y) is inside a polygon with the corners `points`, by counting crossed edges."""
     inside = False
     for (x0, y0), (x1, y1) in zip(points, (*points[1:], points[0]), strict=True):
         if (y0 <= y) != (y1 <= y) and x < x0 + (y - y0) / (y1 - y0) * (x1 - x0):

@@ -1,9 +1,9 @@
-"""References to states of compiled stages; the states remain in the memory of the compiled code.
+"""References to the states of compiled stages; the states remain in the memory of the compiled code.
 
 A stage with an argument or a result annotated `Held[State]` takes or returns a reference. `kernels.held` creates a
-reference, and `kernels.fetched` returns its named tuple. References save time: converting a state of 300 numbers to
-Python objects takes longer than most stages. A held state is immutable, like its named tuple. Without compilation the
-reference is the named tuple itself.
+reference to a named tuple, and `kernels.fetched` returns the named tuple. References save time: converting a state of
+300 numbers to Python objects takes longer than most stages. A held state is immutable, like its named tuple. Without
+compilation the reference is the named tuple itself.
 """
 
 import ctypes
@@ -22,7 +22,7 @@ from numba.extending import NativeValue, box, intrinsic, unbox
 T = TypeVar("T")
 Held = Annotated[T, "held"]  # Annotation of a named tuple that a stage takes or returns as a reference
 Reference: type = nrt.MemInfo  # Class of the references
-KINDS: dict[int, Any] = {}  # Types of the held states, by their number
+KINDS: dict[int, Any] = {}  # Numba types of the held states, by the number from `HeldType`
 
 
 @structref.register
@@ -42,7 +42,8 @@ ANY = HeldType(types.none)  # Type of a reference to a state of any type, annota
 
 @unbox(HeldType)
 def _taken(kind: Any, reference: Any, c: Any) -> Any:
-    """Convert a Python reference to a native reference, which kernels without reference counting borrow."""
+    """Convert a Python reference to a native reference. Kernels without reference counting do not increase its
+    count."""
     native = cgutils.create_struct_proxy(kind)(c.context, c.builder)
     native.meminfo = _word(c.builder, reference, 2)  # after the header of a Python object
     if c.context.enable_nrt:
@@ -77,7 +78,7 @@ def _given(kind: Any, value: Any, c: Any) -> Any:
 
 
 def number_of(reference: Any) -> int:
-    """Return the number that identifies the type of a held state and is a key of `KINDS`."""
+    """Return the number that identifies the type of the state behind a reference. The number is a key of `KINDS`."""
     return ctypes.c_int64.from_address(reference.data).value
 
 

@@ -4,7 +4,7 @@ The text of an identity consists of five parts with eight hex digits, "scenario-
 comparison of two texts shows the differing parts. The last three parts identify the code. Digests depend on file
 contents, not on folder names, so that moved results keep their identity.
 
-The plugins part covers the files passed to `take_in`, and the files that they import from outside the installed
+The plugins part covers the modules passed to `take_in`, and the files that they import from outside the installed
 libraries. All files of an imported package are included. Data files that plugins open in other folders are not
 included.
 """
@@ -32,7 +32,7 @@ PARTS = (
 """Folders of the package that affect the results of a run."""
 PACKAGE = Path(__file__).parents[1]
 NONE = "00000000"  # Digest of missing content, such as an unreadable file
-_plugins: dict[Path, str] = {}  # Digest of each plugin file at the time of loading
+_plugins: dict[Path, str] = {}  # Digest of each plugin file at the time when the plugin was loaded
 
 
 class Identity(NamedTuple):
@@ -54,12 +54,12 @@ class Identity(NamedTuple):
 
 
 def code() -> tuple[str, str, str]:
-    """Return the digests of the plugins loaded in this process, of the program, and of the libraries."""
+    """Return three digests: of the loaded plugins, of this package, and of the installed libraries."""
     return joined(sorted(set(_plugins.values()))), PROGRAM, libraries()
 
 
 def code_text() -> str:
-    """Return the digests of plugins, program and libraries as one text, as in `Identity.code`."""
+    """Return the digests of plugins, program and libraries as one text separated by dashes, like `Identity.code`."""
     return "-".join(code())
 
 
@@ -70,7 +70,8 @@ def read_identity(text: object) -> Identity | None:
 
 
 def differing(text: object, other: str) -> list[str]:
-    """Return the names of the parts in which two identity texts differ, or [""] if `text` has too few parts."""
+    """Return the names of the parts in which two identity texts differ, or [""] if `text` has fewer parts than
+    `other`."""
     names, one, two = Identity._fields[::-1], str(text).split("-")[::-1], other.split("-")[::-1]
     if len(one) < len(two):
         return [""]
@@ -78,13 +79,14 @@ def differing(text: object, other: str) -> list[str]:
 
 
 def digest(*contents: bytes, digits: int = len(NONE)) -> str:
-    """Return the hex digest of byte strings in the given order, or zeros if there are none."""
+    """Return a hex digest of byte strings in the given order, with `digits` digits; zeros if there are no byte
+    strings."""
     whole = hashlib.sha256(b"".join(hashlib.sha256(content).digest() for content in contents))
     return whole.hexdigest()[:digits] if contents else "0" * digits
 
 
 def joined(digests: Iterable[str]) -> str:
-    """Return one digest of a sequence of digests."""
+    """Return one digest that combines a sequence of digests."""
     return digest(*map(str.encode, digests))
 
 
@@ -116,7 +118,8 @@ def _version(name: str) -> str:
 
 
 def program_digest(parts: Iterable[str] = PARTS) -> str:
-    """Return one digest of the MJCF models, the source folders `parts`, and the extensions that add model kinds."""
+    """Return one digest of the MJCF models, of the source folders `parts`, and of the extensions that add model
+    kinds."""
     with_kinds = sorted(path.parent for path in PACKAGE.glob("extensions/*/kinds.py"))
     places = [*(PACKAGE / part for part in parts), *with_kinds]
     found = [path for place in places for path in sorted(place.rglob("*.py"))]
@@ -159,7 +162,10 @@ def _take_in(paths: Iterable[Path]) -> None:
 
 
 def _files_of(name: str, installed: bool) -> list[Path]:
-    """Return the file of a module, or all files of its package. Omit installed libraries unless `installed` is true."""
+    """Return the file of a module, or all files of its package; empty for modules of Python and of this package.
+
+    Installed libraries are omitted unless `installed` is true.
+    """
     parts = name.split(".")
     if parts[0] in sys.stdlib_module_names or parts[0] == PACKAGE.name:
         return []

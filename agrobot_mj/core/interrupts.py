@@ -22,7 +22,7 @@ HELD = tuple(
 )
 """Signals whose handlers are delayed, because their handlers commonly raise exceptions."""
 PATIENCE_S = 5.0
-"""Time after which a signal interrupts a hanging block [s]. Blocks of `until_the_end` are never interrupted."""
+"""Time after which a signal interrupts a hanging block [s]. Blocks from `until_the_end` are never interrupted."""
 
 
 @contextmanager
@@ -44,7 +44,7 @@ MOST_HELD = 2  # Maximum number of delayed signals per signal number: a second s
 
 
 class _State:
-    """State shared by all blocks of the main thread that currently delay signals."""
+    """Data shared by all open blocks of the main thread that delay signals."""
 
     def __init__(self) -> None:
         self.blocks = self.indivisible = self.patient = 0
@@ -63,7 +63,7 @@ _STATE = _State()
 
 
 class Block:
-    """Context manager that delays signal handlers; see `held_back`, `until_the_end` and `deferring`."""
+    """Context manager that delays signal handlers, created by `held_back`, `until_the_end` and `deferring`."""
 
     __slots__ = ("counted", "indivisible", "patient")
 
@@ -93,7 +93,7 @@ class Block:
 
 
 def held_back() -> Block:
-    """Delay signals until the end of the outermost `with` block, for atomic work that takes milliseconds.
+    """Delay signals until the end of the outermost `with` block, for uninterruptible work that takes milliseconds.
 
     A signal interrupts a block that has been open for longer than `PATIENCE_S`.
     """
@@ -103,13 +103,17 @@ def held_back() -> Block:
 def until_the_end() -> Block:
     """Delay signals until the end of the block, without time limit, for C code that discards exceptions of callbacks.
 
-    At the end of the block, the handlers run if the outermost block has been open for longer than `PATIENCE_S`.
+    Inside another block, handlers run at the end of the outermost block. If this block has been open for longer than
+    `PATIENCE_S`, handlers already run at the end of the inner block.
     """
     return Block(True, patient=True)
 
 
 def deferring() -> Block:
-    """Delay signals until the next call of `deliver` or the end of the block, for work of seconds or minutes."""
+    """Delay signals until the next call of `deliver` or the end of the block, for work of seconds or minutes.
+
+    A signal interrupts a block that has not called `deliver` for longer than `PATIENCE_S`.
+    """
     return Block(False)
 
 
@@ -122,7 +126,7 @@ def deliver() -> None:
 
 
 def _run_delayed() -> None:
-    """Run the handlers of the delayed signals within a block."""
+    """Run the handlers of the delayed signals now, and continue to delay later signals."""
     if _STATE.received:
         try:
             _put_back()
@@ -134,12 +138,12 @@ def _run_delayed() -> None:
 
 
 def _hangs() -> bool:
-    """Return whether the outermost block has been open for longer than `PATIENCE_S`."""
+    """Return whether `PATIENCE_S` has passed since the outermost block started or `deliver` was last called."""
     return monotonic() - _STATE.since > PATIENCE_S
 
 
 def raised_by_handler(error: BaseException) -> bool:
-    """Return whether a signal handler has raised `error` in `deliver`."""
+    """Return whether `error` is the last exception that a signal handler raised in `deliver`."""
     return error is _STATE.raised
 
 
@@ -148,7 +152,7 @@ def _in_main_thread() -> bool:
 
 
 def _keep(number: int, frame: Any) -> None:
-    """Record a signal, or call its original handler if the block hangs or no block is open."""
+    """Record a signal for later. Call its original handler at once if the block hangs or no block is open."""
     if (_hangs() and not _STATE.patient) or not _STATE.replaced:
         _STATE.received = [other for other in _STATE.received if other != number]
         _STATE.aside[number](number, frame)
@@ -157,7 +161,8 @@ def _keep(number: int, frame: Any) -> None:
 
 
 def _set_aside() -> None:
-    """Replace the Python handlers of the `HELD` signals by `_keep`. Restore the handlers if an exception occurs."""
+    """Replace the Python handlers of the `HELD` signals by `_keep`. Restore the original handlers if an exception
+    occurs."""
     _STATE.since = monotonic()
     try:
         for number in HELD:
@@ -173,7 +178,7 @@ def _set_aside() -> None:
 
 
 def _put_back() -> None:
-    """Restore the handlers unless the block has changed them, and run the handlers of the delayed signals."""
+    """Restore the original handlers that `_keep` still replaces, and run the handlers of the delayed signals."""
     failed: BaseException | None = None
     while _STATE.replaced:
         number = _STATE.replaced[-1]

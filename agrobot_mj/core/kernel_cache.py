@@ -2,8 +2,8 @@
 
 Numba checks only the file of a cached function for changes, not the files of called functions. Therefore the name of
 the cache folder is a digest of all package files with kernels, so that outdated code is never loaded. Code compiled for
-classes outside the package is not cached. Each file ends with a checksum of its name and content: a damaged file is
-deleted with a message, and its kernel is compiled again.
+classes outside the package is not cached. Each cache file ends with a checksum of its name and content. A damaged file
+is deleted with a message, and its kernel is compiled again.
 """
 
 import hashlib
@@ -45,7 +45,7 @@ def _content() -> str:
 
 
 def _cache() -> Path | None:
-    """Create and return the cache folder of this package version, or None on a file error. Delete the oldest caches."""
+    """Return the cache folder of this package version, created if missing; None on a file error. Delete old caches."""
     home = _home()
     folder = home / _content()
     try:
@@ -68,7 +68,7 @@ def _home() -> Path:
 
 
 def _private(folder: Path) -> Path:
-    """Create a missing folder and return it. Return the null device if other users have access to the folder."""
+    """Return a folder, created if missing, or the null device if the folder is owned or accessible by other users."""
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
         status = folder.lstat()
@@ -159,7 +159,7 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
         return None if _outside(sig) else self._intact(lambda: load(sig, target_context))
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Store the compiled code for the argument types `sig`."""
+        """Store the compiled code for the argument types `sig`, unless they include classes outside the package."""
         save = super().save_overload
         if not _outside(sig):
             if not self._called_by_kernels:
@@ -167,7 +167,8 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
             self._intact(lambda: save(sig, data))
 
     def _intact(self, work: Callable[[], Any]) -> Any:
-        """Return the result of a cache access, or None on a disk error. Damaged files are deleted before a retry."""
+        """Return the result of a cache access, or None on a disk error. Damaged files are deleted before a second
+        access."""
         try:
             return work()
         except _DamagedError:

@@ -1,4 +1,4 @@
-"""Compilation of scalar kernels with numba. Kernels release Python's global lock (GIL) and are cached on disk.
+"""Compilation of numerical functions (kernels) with numba, without Python's global lock (GIL) and with a disk cache.
 
 With `NUMBA_DISABLE_JIT=1` kernels are plain Python functions.
 """
@@ -42,7 +42,7 @@ for _name in ("wrap", "to_heading", "from_heading", "along_arc", "to_level", "to
 
 @shared
 def copy_into(target: Any, source: Any) -> None:
-    """Copy the elements of an array to another array. The shapes must be equal, and are not checked.
+    """Copy the elements of the array `source` to the array `target`. The shapes must be equal, and are not checked.
 
     This loop compiles faster than an assignment to a slice, whose error for different shapes takes 2 s to compile.
     """
@@ -51,12 +51,12 @@ def copy_into(target: Any, source: Any) -> None:
 
 
 def jit(function: F) -> F:
-    """Compile `function` with numba on its first call."""
+    """Return `function` as a numba function that is compiled on its first call."""
     return _compiled(function)
 
 
 def kernel(function: F) -> F:
-    """Compile a function of the physics step on its first call. Division by zero gives infinity or NaN, as in numpy.
+    """Return a function of the physics step, compiled on its first call. Division by zero gives infinity or NaN.
 
     The function must not create, store or return arrays. Numba then omits the reference counts of array arguments,
     whose updates take as long as the computation of a wheel. An array created in a kernel would never be freed;
@@ -67,7 +67,8 @@ def kernel(function: F) -> F:
 
 
 def bound(function: Any, *arguments: object) -> Callable[..., Any]:
-    """Return `function` compiled for the types of `arguments`. Calls bypass numba's type dispatch."""
+    """Return the numba function `function`, compiled for the types of `arguments`. Calls bypass numba's type
+    dispatch."""
     if config.DISABLE_JIT:
         return cast(Callable[..., Any], function)
     kinds = _kinds_of(arguments)
@@ -126,7 +127,8 @@ def _arguments_of(compiled: Any) -> tuple[types.Type, ...]:
 
 
 def _checked_entry(compiled: Any) -> Callable[..., Any]:
-    """Return the function compiled for its annotated arguments. Raises TypeError if its result contradicts them."""
+    """Return a function compiled for its annotated arguments. Raises TypeError if its result contradicts the
+    annotation."""
     kinds, function = _arguments_of(compiled), compiled.py_func
     entry = _entry(compiled, *kinds)
     hint = get_type_hints(function, include_extras=True)["return"]
@@ -182,7 +184,8 @@ def held(value: T, as_it_is: bool = False) -> T:
 
 
 def fetched(value: T) -> T:
-    """Return the named tuple that a reference points to, and other values unchanged. Kernels may call this function."""
+    """Return the named tuple that a reference points to, and any other `value` unchanged. Kernels may call this
+    function."""
     return cast(T, _fetcher(number_of(value))(value)) if type(value) is Reference else value
 
 

@@ -4,13 +4,13 @@ import re
 import unicodedata
 from collections.abc import Iterable
 
-LONGEST = 60  # Maximum number of characters of a safe name
+LONGEST = 60  # Maximum number of characters of a safe name, without the number of a duplicate
 
 
 def safe_names(names: Iterable[str]) -> list[str]:
     """Return the names reduced to ASCII letters, digits, dots, dashes and underscores, in the same order.
 
-    The results are unique even if case is ignored. Names that are already safe stay unchanged.
+    The results are unique even if case is ignored. Long names are cut to `LONGEST` characters.
     """
     found: list[str] = []
     taken: set[str] = set()

@@ -1,4 +1,4 @@
-"""Table `learned.parquet` of values learned in a run, which a later run can use as initial values.
+"""Table `learned.parquet` of the quantities learned in a run, which a later run can use as initial values.
 
 Columns:
 
@@ -16,14 +16,14 @@ from agrobot_mj.core.resources import checked, refuse
 from agrobot_mj.core.signals import Array
 
 LEARNED = "learned.parquet"
-MOST_BYTES = 50e6  # Maximum size of an input file, a map of 1000 km [bytes]
+MOST_BYTES = 50e6  # Maximum size of an input file [bytes], which corresponds to a map of 1000 km
 
 Learned = Mapping[str, Array]
-"""Learned values by quantity, as arrays of shape (n, 2): arc length [m], or NaN without a location, and value."""
+"""Learned values by log signal, as arrays (n, 2) of arc length [m] (NaN without a location) and value."""
 
 
 def learned_table(learned: Learned) -> Any:
-    """Return the learned values as a pyarrow table."""
+    """Return the learned values as a pyarrow table with the columns `quantity`, `place_m` and `value`."""
     import pyarrow as pa
 
     names = [name for name, rows in learned.items() for _ in rows]
@@ -33,7 +33,7 @@ def learned_table(learned: Learned) -> Any:
 
 
 def read_learned(name: str) -> Learned:
-    """Read learned values from a file. Raises ValueError for an invalid file."""
+    """Return the learned values in the file `name`. Raises ValueError for an invalid file."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 

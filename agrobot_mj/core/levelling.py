@@ -20,7 +20,7 @@ SMOOTHING_S = 0.1
 
 
 class SmoothedTilt(NamedTuple):
-    """Low-pass filtered roll and pitch, and their rates."""
+    """Low-pass filtered roll and pitch, and the time derivatives of the filtered angles."""
 
     roll: float  # Filtered roll [rad]
     pitch: float  # Filtered pitch [rad]
@@ -28,13 +28,15 @@ class SmoothedTilt(NamedTuple):
     pitch_rate: float = 0.0  # Rate of the filtered pitch [rad/s]
 
     def after(self, roll: float, pitch: float, dt: float) -> "SmoothedTilt":
-        """Return the tilt after a measurement of roll and pitch [rad], `dt` [s] after the previous measurement."""
+        """Return the filtered angles after a measurement of roll and pitch [rad], `dt` [s] after the previous
+        measurement."""
         new = 1.0 - exp(-dt / SMOOTHING_S)
         d_roll, d_pitch = new * (roll - self.roll), new * (pitch - self.pitch)
         return SmoothedTilt(self.roll + d_roll, self.pitch + d_pitch, d_roll / dt, d_pitch / dt)
 
     def heading_rate(self, gyro: float, body: bool) -> float:
-        """Return the heading rate [rad/s] from a gyro whose axis is vertical or, if `body`, the chassis z axis."""
+        """Return the heading rate [rad/s] from a gyro [rad/s], with the chassis z axis if `body`, else a vertical
+        axis."""
         if body:
             return (gyro + self.pitch_rate * sin(self.roll)) / (cos(self.roll) * cos(self.pitch))
         return gyro + self.roll_rate * sin(self.pitch)

@@ -1,7 +1,7 @@
 """Signal lines, which transmit sensor signals or valve voltages with a `Distortion`.
 
 A faulty line may lose, hold, delay, scale or offset its signal. At the start of a delay the line repeats the last
-value. When the delay ends, the values in transit are lost.
+transmitted value. When the delay ends, the values in transit are lost.
 """
 
 from math import nan
@@ -17,7 +17,8 @@ class SignalLine(NamedTuple):
     pending: tuple[float, ...] = ()  # Values in transit, oldest first
 
     def carried(self, value: float, distortion: Distortion, dt: float) -> "tuple[SignalLine, float]":
-        """Return the state after a tick of `dt` [s], and the received value. NaN (no signal) is transmitted as NaN."""
+        """Return the line after a tick of `dt` [s], and the received value for the sent `value`. NaN is transmitted as
+        NaN."""
         if distortion == SOUND or value != value:
             return SignalLine(value), value
         if distortion.lost:

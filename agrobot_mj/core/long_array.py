@@ -25,7 +25,10 @@ _TOLD: set[str] = set()  # Folders for which a message about missing disk space 
 
 
 class LongArray:
-    """Array of shape (rows, *shape). Unwritten rows have undefined values. Raises the same errors as `make_room`."""
+    """Array of shape (rows, *shape). Unwritten rows have undefined values.
+
+    Raises OSError naming the folder if the disk is full and the array is larger than MOST_BYTES.
+    """
 
     def __init__(self, rows: int, shape: tuple[int, ...]) -> None:
         self._file: Any = None
@@ -46,7 +49,7 @@ class LongArray:
         return np.ndarray(shape, buffer=self._map, order="F")
 
     def make_room(self, end: int) -> None:
-        """Reserve space for the rows before `end`. Raises OSError naming the folder if there is no space.
+        """Reserve space for the rows before `end`. Raises OSError naming the folder if disk and memory have no space.
 
         In a forked process the rows are first copied to a separate file, because both processes map the same file.
         """
@@ -72,7 +75,7 @@ class LongArray:
             self.numbers, self._room, self._map, self._file = numbers, rows, None, None
 
     def release(self) -> None:
-        """Free the memory of rows that were read or written. The values remain in the file."""
+        """Free the memory of rows that were read or written, if the array is in a file. The file keeps the values."""
         if self._map is not None and hasattr(mmap, "MADV_DONTNEED"):
             self._map.madvise(mmap.MADV_DONTNEED)
 

@@ -14,7 +14,7 @@ from numba.core.environment import lookup_environment
 
 from agrobot_mj.core.interrupts import until_the_end
 
-ENVIRONMENT = "_ZN08NumbaEnv"  # Prefix of the global variables with the Python constants of a function
+ENVIRONMENT = "_ZN08NumbaEnv"  # Name prefix of the global variables that contain the Python constants of a function
 
 
 class _Library(JITCodeLibrary):  # type: ignore[misc]
@@ -26,7 +26,7 @@ class _Library(JITCodeLibrary):  # type: ignore[misc]
         """Postpone the optimization to `_generate`."""
 
     def _finalize_final_module(self) -> None:
-        """Check the LLVM code, or load the machine code from the cache."""
+        """Check the LLVM code, or load the machine code if the function comes from the cache."""
         if self._disable_inspection:
             self._generated = True
             super()._finalize_final_module()
@@ -61,9 +61,10 @@ class _Library(JITCodeLibrary):  # type: ignore[misc]
         return tuple(getattr(super(), f"serialize_using_{kind}")())
 
     def discard_llvm_code(self) -> None:
-        """Replace the LLVM code, which no other function includes, by definitions of the names that numba looks up.
+        """Replace the LLVM code, which no other function includes, by empty definitions of the names that numba looks
+        up.
 
-        The definitions are empty; loading all LLVM code would take longer than loading the machine code.
+        Loading all LLVM code would take longer than loading the machine code.
         """
         variables = [v.name for v in self._final_module.global_variables if v.name.startswith(ENVIRONMENT)]
         text = [f'@"{name}" = global i64 0' for name in variables]
@@ -72,7 +73,7 @@ class _Library(JITCodeLibrary):  # type: ignore[misc]
 
 
 def _set_environment(codegen: Any, name: str, environment: Any) -> None:
-    """Set the constants of a function for which machine code exists."""
+    """Set the Python constants of a function if its machine code has been generated."""
     if codegen._engine.is_symbol_defined(name):
         _set(codegen, name, environment)
 
@@ -83,7 +84,7 @@ _set = JITCPUCodegen.set_env
 def _environments_with_constants(found: CompileResult) -> list[Any]:
     """Return the numba environments of a compiled function that contain Python constants.
 
-    Other environments are omitted: loading imports their modules, which takes 0.1 s for numba's array functions.
+    Loading other environments would import their modules, which takes 0.1 s for numba's array functions.
     """
     return [environment for environment in _environments(found) if environment.consts]
 
@@ -92,6 +93,6 @@ _environments = CompileResult._find_referenced_environments
 
 
 def generate_on_request() -> None:
-    """Enable code generation on request for all functions compiled by numba in this process."""
+    """Make numba generate the machine code of each function on the first request, for all functions of this process."""
     JITCPUCodegen._library_class, JITCPUCodegen.set_env = _Library, _set_environment
     CompileResult._find_referenced_environments = _environments_with_constants

@@ -1,4 +1,4 @@
-"""Conversion of validation errors to one message per file, which lists each error with its key and the fix."""
+"""Conversion of pydantic validation errors to one message per file, which lists each error with its key and the fix."""
 
 import re
 from collections.abc import Mapping
@@ -76,7 +76,7 @@ def _line(error: dict[str, Any], data: Mapping[str, Any], root: type[Spec]) -> s
 
 
 def fault(error: Mapping[str, Any]) -> str:
-    """Return the message text for a pydantic error, without the key."""
+    """Return the message text for one pydantic error, without the key."""
     template = _TEXTS.get(str(error["type"]))
     if template is None:
         return str(error["msg"]).removeprefix("Value error, ")
@@ -97,7 +97,8 @@ class _Repeated:
 
 
 def _walk(loc: tuple[Any, ...], data: Any, root: type[Spec]) -> tuple[list[str], type[Spec] | None]:
-    """Return the keys in the location of a pydantic error, without union tags, and the class that has the last key."""
+    """Return the keys in the location of a pydantic error, without union tags, and the class of the last key or
+    None."""
     keys: list[str] = []
     owner: type[Spec] | None = root
     following: type[Spec] | None = root

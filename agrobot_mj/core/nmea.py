@@ -1,4 +1,4 @@
-"""NMEA 0183 sentences of a GNSS receiver: output of GGA, RMC and VTG, and parsing of the fields of any sentence.
+"""NMEA 0183 sentences of a GNSS receiver: creation of GGA, RMC and VTG, and parsing of the fields of any sentence.
 
 A sentence is `$fields*CS` followed by CR LF. CS is the exclusive or of the characters between `$` and `*` as two hex
 digits. Minutes of angle have seven decimals (0.2 mm), because five decimals would quantise positions to 19 mm.
@@ -22,7 +22,7 @@ class Solution(NamedTuple):
     t: float  # Time since the start of the run [s]
     latitude: float  # Latitude [deg], north positive
     longitude: float  # Longitude [deg], east positive
-    altitude: float  # Height of the antenna above z = 0 [m], which represents the ellipsoid
+    altitude: float  # Height of the antenna above z = 0 [m], interpreted as height above the WGS84 ellipsoid
     speed: float  # Speed over ground [m/s]
     course: float  # Direction of motion [rad], from east, counter-clockwise
     quality: int = RTK_FIX  # Fix quality indicator of the GGA sentence
@@ -40,7 +40,7 @@ def checksum(text: str) -> str:
 
 
 def sentence(*fields: object) -> bytes:
-    """Return the complete NMEA sentence with the given fields."""
+    """Return the complete NMEA sentence with the given fields, including checksum and line end."""
     text = ",".join(map(str, fields))
     return f"${text}*{checksum(text)}\r\n".encode("ascii")
 
@@ -66,7 +66,8 @@ def date(t: float) -> str:
 
 
 def angle(value: float, hemispheres: str, digits: int) -> tuple[str, str]:
-    """Return a latitude or longitude [deg] as text in degrees and minutes, and the letter of the hemisphere."""
+    """Return a latitude or longitude [deg] in degrees and minutes, and its letter from `hemispheres` (positive,
+    negative)."""
     unit = 10**MINUTE_DECIMALS
     whole, rest = divmod(round(abs(value) * 60 * unit), 60 * unit)
     return f"{whole:0{digits}d}{rest // unit:02d}.{rest % unit:0{MINUTE_DECIMALS}d}", hemispheres[value < 0]
@@ -94,7 +95,7 @@ def to_compass(yaw: float) -> float:
 
 
 def gga(s: Solution) -> bytes:
-    """Return the GGA sentence, with position and fix quality."""
+    """Return the GGA sentence, with position and fix quality. Without a fix the position fields are empty."""
     where = place(s) if s.quality else ("", "", "", "")
     return sentence(
         *("GPGGA", clock(s.t), *where, s.quality, f"{s.satellites:02d}", f"{s.hdop:.1f}"),
@@ -103,14 +104,14 @@ def gga(s: Solution) -> bytes:
 
 
 def rmc(s: Solution) -> bytes:
-    """Return the RMC sentence, with position, speed, course and date."""
+    """Return the RMC sentence, with position, speed, course and date. Without a fix only time and date are present."""
     where, status = (place(s), "A") if s.quality else (("", "", "", ""), "V")
     motion = (f"{s.speed * KNOTS:.3f}", f"{to_compass(s.course):.2f}") if s.quality else ("", "")
     return sentence("GPRMC", clock(s.t), status, *where, *motion, date(s.t), "", "", MODES.get(s.quality, "A"))
 
 
 def vtg(s: Solution) -> bytes:
-    """Return the VTG sentence, with course and speed over ground."""
+    """Return the VTG sentence, with course and speed over ground. Without a fix these fields are empty."""
     if not s.quality:
         return sentence("GPVTG", "", "T", "", "M", "", "N", "", "K", "N")
     motion = f"{to_compass(s.course):.2f}", "T", "", "M", f"{s.speed * KNOTS:.3f}", "N", f"{s.speed * 3.6:.3f}", "K"

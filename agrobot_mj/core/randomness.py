@@ -27,11 +27,11 @@ if config.DISABLE_JIT:
 else:
     llvm.load_library_permanently(LIBRARY)
     normal = types.ExternalFunction("random_standard_normal", types.float64(types.intp))
-"""Return a standard normal sample of the generator at an `address`, for compiled functions; advances the generator."""
+"""Return a standard normal sample from the generator at a memory `address`, and advance the generator."""
 
 
 def address(generator: Generator) -> int:
-    """Return the memory address of a random generator, which is valid as long as the generator exists."""
+    """Return the memory address of a random generator. The address is valid as long as the generator exists."""
     return int(ctypes.cast(generator.bit_generator.ctypes.bit_generator, ctypes.c_void_p).value or 0)
 
 
@@ -69,14 +69,15 @@ class _Finder(pickle.Pickler):
 
 
 def branch(generator: Generator, number: int) -> None:
-    """Switch a generator in place to a stream that depends only on seed, stream name and branch `number`."""
+    """Change the state of a generator in place to a stream that depends only on seed, stream name and branch
+    `number`."""
     bits = generator.bit_generator
     seed = cast(SeedSequence, bits.seed_seq)
     bits.state = type(bits)(SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, _BRANCH, number))).state
 
 
 _BRANCH = int.from_bytes(blake2b(b"branch", digest_size=4).digest(), "little")
-"""Element of the spawn keys of branches, different from the child numbers used by `SeedSequence.spawn`."""
+"""Element of the spawn keys of branches. The number differs from the child numbers used by `SeedSequence.spawn`."""
 
 
 def gauss_markov(value: float, white: float, dt: float, correlation: float) -> float:
@@ -93,11 +94,11 @@ class GaussMarkov(NamedTuple):
     """State of a first-order Gauss-Markov process of unit variance, with one or more axes."""
 
     generator: Generator  # Random stream, advanced in place
-    value: Any  # Tuple of the values in each axis, divided by its standard deviation [-]
+    value: Any  # Tuple with one value per axis, divided by the standard deviation of the process [-]
 
     @classmethod
     def stationary(cls, generator: Generator, axes: int = 1) -> "GaussMarkov":
-        """Return a process with initial values sampled from the stationary distribution."""
+        """Return a process with `axes` initial values sampled from the stationary distribution."""
         return cls(generator, tuple(generator.standard_normal(axes).tolist()))
 
     def after(self, dt: float, correlation: float) -> "GaussMarkov":
@@ -112,19 +113,19 @@ Shares = tuple[float, float]
 
 @lru_cache(maxsize=256)
 def shares(dt: float, correlation: float) -> Shares:
-    """Return the weights of a Gauss-Markov process for a step of `dt` and a correlation time in the same unit."""
+    """Return the `Shares` of a Gauss-Markov process for a step of `dt` and a `correlation` time in the same unit."""
     return gauss_markov(1.0, 0.0, dt, correlation), gauss_markov(0.0, 1.0, dt, correlation)
 
 
 @shared
 def wandered(value: float, weights: Shares, generator: int) -> float:
-    """Return the next value of a Gauss-Markov process; `generator` is the address of the white-noise generator."""
+    """Return the next value of a Gauss-Markov process; `generator` is the memory address of the random generator."""
     white: float = normal(generator)
     return weights[0] * value + weights[1] * white
 
 
 @shared
 def wandered_plane(value: tuple[float, float], weights: Shares, generator: int) -> tuple[float, float]:
-    """Return the next values of a Gauss-Markov process with two axes."""
+    """Return the next two values of a Gauss-Markov process with two axes; `generator` is a memory address."""
     first = wandered(value[0], weights, generator)
     return first, wandered(value[1], weights, generator)

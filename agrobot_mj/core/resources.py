@@ -1,4 +1,4 @@
-"""Paths of the files of the package, and checks of files named in a scenario before they are opened.
+"""Paths of the data files of the package, and checks of files named in a scenario before they are opened.
 
 The folders `models/` and `scenarios/` are inside the package in an installed wheel, otherwise next to the package.
 """
@@ -13,7 +13,7 @@ _PACKAGE = Path(__file__).parents[1]
 
 
 def resource_dir(name: str) -> Path:
-    """Return the path of the folder `name` ("models" or "scenarios")."""
+    """Return the path of the data folder `name` of the package ("models" or "scenarios")."""
     inside = _PACKAGE / name
     return inside if inside.is_dir() else _PACKAGE.parent / name
 
@@ -31,24 +31,26 @@ def is_file(path: Path) -> bool:
 
 
 def library_file(name: str) -> Path:
-    """Return the path of a data file named in a scenario. A file shipped with the package takes precedence."""
+    """Return the path of a data file named in a scenario. A file of this name shipped with the package takes
+    precedence."""
     given, shipped = Path(name), SCENARIOS / name
     return shipped if not given.is_absolute() and is_file(shipped) else given
 
 
 def scenario_files() -> dict[str, Path]:
-    """Return the paths of the shipped scenarios by name."""
+    """Return the paths of the scenario files shipped with the package, by scenario name."""
     return {path.stem: path for path in sorted(SCENARIOS.glob("*.toml"))}
 
 
 def sweep_files() -> dict[str, Path]:
-    """Return the paths of the shipped sweeps by name, including the sweeps of extensions."""
+    """Return the paths of the sweep files shipped with the package, by sweep name, including the sweeps of
+    extensions."""
     files = [*(SCENARIOS / "sweeps").glob("*.toml"), *(_PACKAGE / "extensions").glob("*/sweeps/*.toml")]
     return {path.stem: path for path in sorted(files, key=lambda path: path.stem)}
 
 
 def machine_files() -> dict[str, Path]:
-    """Return the paths of the shipped machines by name."""
+    """Return the paths of the machine files shipped with the package, by machine name."""
     return {path.stem: path for path in sorted((SCENARIOS / "machines").glob("*.toml"))}
 
 
@@ -83,13 +85,13 @@ def stamp(name: str) -> Stamp | None:
 
 
 def stamped(name: str, kinds: Sequence[str], most_bytes: int) -> Stamp:
-    """Return the stamp of a file that passes the checks of `checked`. Raises ValueError otherwise."""
+    """Return the stamp of the file `name` after the checks of `checked`. Raises ValueError if a check fails."""
     path = checked(name, kinds, most_bytes)
     return stamp(name) or refuse(path, "the file no longer exists; create the file again")
 
 
 def absence(path: Path, fix: str = "") -> str:
-    """Return the reason why a path is not a regular file, for example that it is missing, and the `fix`."""
+    """Return the reason why a path is not a regular file, for example "no such file", followed by the text `fix`."""
     reason = "no such file"
     with suppress(OSError):  # as in `is_file`
         if path.exists():

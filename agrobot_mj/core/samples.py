@@ -1,4 +1,4 @@
-"""Kernels for a path given by samples: nearest path point, and path points and curvatures at given arc lengths."""
+"""Compiled functions for a sampled path: nearest path point, and path points and curvatures at given arc lengths."""
 
 from math import atan2, cos, sin, sqrt
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from agrobot_mj.core.signals import Matrix, PathPoint, Reference, Vector
 
 STEP_M = 0.05  # Spacing of the samples [m]
 WINDOW_M = 4.0  # Half-width of the search window around the given arc length [m]
-ROUNDING_M = 1e-6  # Extension of a leg at both ends to allow for rounding errors, less than the sample spacing [m]
+ROUNDING_M = 1e-6  # Extension of the search range at both ends for rounding errors, less than the sample spacing [m]
 BEND = 1.4
 """Maximum heading change of the path from the middle of the search window to either end [rad]. Must be below pi / 2."""
 WIDTH = 9  # Number of columns of the sample array
@@ -23,7 +23,7 @@ T, X, Y, YAW, CURVATURE, SPEED, S, TURNED, DIRECTION = range(
 class Sample(NamedTuple):
     """Sampled point of a path."""
 
-    t: float  # Time at which the reference passes the point [s]
+    t: float  # Time at which the reference motion passes the point [s]
     x: float  # East coordinate [m]
     y: float  # North coordinate [m]
     yaw: float  # Heading of a tractor on the path at this point [rad]
@@ -36,13 +36,13 @@ class Sample(NamedTuple):
 
 @shared
 def sample_of(t: float, r: Reference) -> Sample:
-    """Return the sample of the reference `r` at the time `t` [s], without the quantities along the path."""
+    """Return the sample of the reference `r` at the time `t` [s], with arc length, heading change and direction 0."""
     return Sample(t, r.x, r.y, r.yaw, r.curvature, cos(r.yaw) * r.vx + sin(r.yaw) * r.vy, 0.0, 0.0, 0.0)
 
 
 @shared
 def write_reference(references: Matrix, n: int, r: Reference) -> None:
-    """Write the fields of the reference `r` to row `n`."""
+    """Write the fields of the reference `r` to row `n` of the matrix `references`."""
     for k, value in enumerate(r):
         references[n, k] = value
 
@@ -56,7 +56,7 @@ def reference_in(references: Matrix, n: int) -> Reference:
 
 @jit
 def samples_at(times: Vector, references: Matrix) -> Matrix:
-    """Return samples for the references (n, 7) at `times` (n,) [s], without the quantities along the path."""
+    """Return samples of the references (n, 7) at `times` (n,) [s], with arc length, heading change and direction 0."""
     samples = np.zeros((times.size, WIDTH))
     for n in range(times.size):
         for k, value in enumerate(sample_of(times[n], reference_in(references, n))):
@@ -76,7 +76,8 @@ def _offset(a: Sample, x: float, y: float) -> float:
 def found_nearest(
     samples: Matrix, x: float, y: float, near: float, low: float, high: float, window: float
 ) -> tuple[int, bool]:
-    """Return the index of the sample nearest to (x, y) [m], and whether it is in the interior of the search range.
+    """Return the index of the sample nearest to (x, y) [m], and whether this sample is between the ends of the search
+    range.
 
     The search range is centred at the arc length `near` [m] and limited to the path from `low` to `high` [m]. On both
     sides it extends by `window` [m], but at most by a heading change of BEND.
@@ -104,7 +105,8 @@ def offset_at(samples: Matrix, k: int, x: float, y: float) -> float:
 
 @jit
 def nearest_point(samples: Matrix, x: float, y: float, near: float, low: float, high: float) -> PathPoint:
-    """Return the path point nearest to (x, y), searched near the arc length `near` and between `low` and `high` [m]."""
+    """Return the path point nearest to (x, y) [m], searched near the arc length `near` and between `low` and `high`
+    [m]."""
     near = min(max(near, low), high)
     k, inside = found_nearest(samples, x, y, near, low, high, WINDOW_M)
     a = _sample_at(samples, k)
@@ -117,7 +119,7 @@ def nearest_point(samples: Matrix, x: float, y: float, near: float, low: float, 
 
 @jit
 def point_at(samples: Matrix, s: float) -> PathPoint:
-    """Return the path point at arc length `s` [m]."""
+    """Return the path point at arc length `s` [m]. Before the first sample the path is extended by a straight line."""
     k = max(int(np.searchsorted(samples[:, S], s + 1e-12, "right")) - 1, 0)
     a = _sample_at(samples, k)
     return _along(a, s - a.s, 0.0, k == 0)
@@ -152,7 +154,8 @@ def _sample_at(samples: Matrix, k: int) -> Sample:
 
 @jit
 def _along(a: Sample, ds: float, offset: float, first: bool) -> PathPoint:
-    """Return the path point `ds` [m] after a sample; `first` is true for the first sample of the path."""
+    """Return the path point at the distance `ds` [m] after a sample; `first` is true for the first sample of the
+    path."""
     curvature = 0.0 if a.s + ds < 0.0 and first else a.curvature  # straight before the start
     direction = -1.0 if a.direction < 0 else 1.0
     x, y, yaw = along_arc((a.x, a.y, a.yaw), curvature, direction * ds)

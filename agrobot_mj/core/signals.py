@@ -31,12 +31,12 @@ Outcome = Literal[
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
 Matrix = np.ndarray[tuple[int, int], np.dtype[np.float64]]
-"""Types `Vector` and `Matrix`: C-contiguous arrays with one and two dimensions, for compiled stages."""
+"""Types `Vector` and `Matrix`: C-contiguous arrays of floats with one and two dimensions, for compiled stages."""
 Index = np.ndarray[tuple[int], np.dtype[np.int64]]
 
 
 class Column(NamedTuple):
-    """Column of the log."""
+    """Column of the log, which contains one signal."""
 
     name: str
     unit: str
@@ -73,7 +73,7 @@ class Truth(NamedTuple):
     steer: float
     """Steering angle of the virtual front wheel of the bicycle model [rad], positive to the left."""
     pedal: float
-    """Pedal position from -1 (full reverse) to 1 (full forward) [-]."""
+    """Position of the drive pedal from -1 (full reverse) to 1 (full forward) [-]."""
     rear_x: float
     """East coordinate of R [m], the point on the ground below the centre of the rear axle."""
     rear_y: float
@@ -100,7 +100,7 @@ class Truth(NamedTuple):
 
 
 class Fix(NamedTuple):
-    """GNSS solution: position and velocity of the antenna, and heading measured with two antennas."""
+    """GNSS solution: position and velocity of the antenna, and optionally the heading measured with two antennas."""
 
     x: float
     """East coordinate of the antenna [m]."""
@@ -147,7 +147,7 @@ class PointMass(NamedTuple):
 
 
 class Distortion(NamedTuple):
-    """Distortion of a measurement or a valve voltage on a faulty signal line. Default: no fault."""
+    """Distortion of a measurement or a valve voltage on a faulty signal line. By default the signal is unchanged."""
 
     scale: float = 1.0
     """Transmitted signal divided by the true signal [-]; negative for a reversed sign."""
@@ -164,20 +164,20 @@ class Distortion(NamedTuple):
 SOUND = Distortion()
 
 Frozen = Literal["", "nothing", "velocity", "live_velocity"]
-"""Velocity reported by a receiver whose position is frozen: zero, last or true velocity; "" if not frozen."""
+"""Velocity reported by a receiver with a frozen position: zero, last or true velocity; "" if it is not frozen."""
 
 
 class Conditions(NamedTuple):
-    """Faults and disturbances in one tick. Default: no faults."""
+    """Faults and disturbances that act in one tick. By default no fault is active."""
 
     gnss_quality: int = Quality.FIX
-    """Quality of the GNSS solution at the antenna, a constant of `Quality`."""
+    """Maximum quality of the GNSS solution permitted by faults, a constant of `Quality`."""
     gnss_latency_s: float = 0.0
     """Additional latency of the GNSS receiver [s], a whole number of ticks."""
     gnss_offset: tuple[float, float] = (0.0, 0.0)  # Offset of the position of the solution, east and north [m]
     gnss_velocity_offset: tuple[float, float] = (0.0, 0.0)  # Offset of the velocity, east and north [m/s]
     gnss_frozen: Frozen = ""
-    """Velocity reported by a receiver whose position is frozen (see `Frozen`), or "" if the position is not frozen."""
+    """Velocity from a receiver whose position is frozen (see `Frozen`), or "" if the position is not frozen."""
     heading: Distortion = SOUND  # Distortion of the heading measured by two antennas [rad]
     gyro: Distortion = SOUND  # Distortion of the yaw rate measured by the gyro [rad/s]
     wheel_speed: Distortion = SOUND  # Distortion of the measured wheel speed [m/s]
@@ -197,11 +197,11 @@ class Conditions(NamedTuple):
     side_force: float = 0.0
     """Horizontal force on the CG [N], positive to the left of the heading."""
     grip: float = 1.0
-    """Factor on the friction coefficient of the ground under all wheels [-]."""
+    """Factor applied to the friction coefficient of the ground under all wheels [-]."""
     tyre_stiffness: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
-    """Vertical and slip stiffness of the tyres fl, fr, rl, rr divided by the stiffness without a fault [-]."""
+    """Vertical and slip stiffness of the tyres fl, fr, rl, rr, divided by their stiffness without a fault [-]."""
     tyre_rolling: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
-    """Factor on the rolling resistance of the tyres fl, fr, rl, rr [-]."""
+    """Factors applied to the rolling resistance of the tyres fl, fr, rl, rr [-]."""
 
 
 NOMINAL = Conditions()
@@ -215,7 +215,7 @@ class Measurement(NamedTuple):
     fix: Fix | None
     """GNSS solution delivered in this tick, or None if no solution was delivered."""
     quality: int
-    """Quality of the newest delivered solution, a constant of `Quality`."""
+    """Quality of the most recently delivered GNSS solution, a constant of `Quality`."""
     steer: float
     """Filtered steering angle from the potentiometer [rad], positive to the left."""
     pedal: float
@@ -231,7 +231,7 @@ class Measurement(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """Estimated state used by the controllers."""
+    """Estimated vehicle state used by the controllers."""
 
     x: float
     """East coordinate of the CG [m]."""
@@ -250,12 +250,13 @@ class Estimate(NamedTuple):
     covariance: Array
     """Covariance of (rear_x, rear_y, yaw), shape (3, 3) [m2, m rad, rad2]."""
     nis: float = nan
-    """Normalised innovation squared (NIS) of the position [-], NaN without a fix; mean 2 for a consistent filter."""
+    """Normalised innovation squared (NIS) of the position [-], NaN without a fix. The mean for a consistent filter is
+    2."""
     steer_bias: float = nan
     """Bias of the measured steering angle [rad], positive to the left: measured angle minus the angle that explains
     the motion. NaN if not estimated."""
     sideslip: float = 0.0
-    """Course of the rear-axle point R minus heading [rad]; 0 if `yaw` is the heading, or if not identifiable."""
+    """Course of the rear-axle point R minus the heading [rad]; 0 if `yaw` is the heading, or if not identifiable."""
     aligned: bool = True
     """Whether the filter has determined the yaw. Before this alignment `yaw` is the initial value."""
     fix_age: float = nan
@@ -263,16 +264,17 @@ class Estimate(NamedTuple):
     position_sigma: float = nan
     """Standard deviation of the position of the rear-axle point R in the direction of maximum uncertainty [m]."""
     nis_mean: float = nan
-    """NIS of the position [-], smoothed over several seconds; about 2 for a consistent filter."""
+    """Normalised innovation squared of the position [-], smoothed over several seconds; about 2 for a consistent
+    filter."""
 
 
 class Reference(NamedTuple):
-    """Desired state of the CG at one time.
+    """Desired state of the tractor's centre of gravity (CG) at one time.
 
     `yaw` is the heading of the tractor, forward and in reverse. The signed speed u = vx cos(yaw) + vy sin(yaw) along
     the heading is negative in reverse, and the velocity across the heading is zero. `curvature` is the yaw rate divided
-    by u: wheels turned to the left give a positive curvature, forward and in reverse. Without reverse driving
-    `yaw` is the direction of travel. At a cusp u passes through zero while `yaw` is continuous.
+    by u: wheels turned to the left give a positive curvature, forward and in reverse. Without reverse driving `yaw` is
+    the direction of travel. At a cusp (reversal) u passes through zero while `yaw` is continuous.
     """
 
     x: float
@@ -297,7 +299,7 @@ class PathPoint(NamedTuple):
     s: float
     """Arc length from the start of the path to the point [m]."""
     t: float
-    """Time at which the reference passes the point [s]."""
+    """Time at which the reference motion passes the point [s]."""
     x: float
     """East coordinate of the path point [m]."""
     y: float
@@ -307,15 +309,15 @@ class PathPoint(NamedTuple):
     curvature: float
     """Curvature of the path at this point [1/m], positive to the left."""
     speed: float
-    """Speed of the reference along the heading [m/s], negative in reverse."""
+    """Speed of the reference motion along the heading [m/s], negative in reverse."""
     offset: float
     """Signed distance of the query point from the path [m], positive to the left of the path heading."""
     direction: float = 1.0
-    """Direction of travel [-]: 1 forward, -1 in reverse; also defined where the reference is at rest."""
+    """Direction of travel [-]: 1 forward, -1 in reverse; also defined where the reference motion is at rest."""
 
 
 class Command(NamedTuple):
-    """Command of a guidance law to the low-level loops."""
+    """Command of a guidance law to the steering loop and the speed loop."""
 
     steer: float
     """Commanded angle of the virtual front wheel of the bicycle model [rad], positive to the left."""
@@ -330,7 +332,7 @@ class Command(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """Output of the low-level loops to the valves and the brake."""
+    """Commands of the steering loop and the speed loop to the valves and the brake."""
 
     steer_voltage: float
     """Steering valve voltage [V] from 0 to 12, neutral at 6. Voltages above 6 steer to the left."""

@@ -1,4 +1,4 @@
-"""Centred moving average for figures, unused by the control loop."""
+"""Centred moving average, used only in figures and recordings."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from agrobot_mj.core.signals import Array
 
 
 def moving_mean(values: Array, count: int) -> Array:
-    """Return the mean of the finite `values` (n,) in `count` rows centred at each row, or NaN if none is finite."""
+    """Return the mean of the finite `values` (n,) in `count` rows centred at each row; NaN where no value is finite."""
     finite, window = np.isfinite(values), np.ones(max(1, min(len(values), count)))
     total = np.convolve(np.where(finite, values, 0.0), window, "same")
     counted = np.convolve(finite, window, "same")

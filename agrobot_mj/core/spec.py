@@ -74,14 +74,14 @@ CarcassShare = Annotated[float, Field(ge=0.05, le=2)]
 
 
 class Discrete(NamedTuple):
-    """Annotation of a key that accepts only certain values within its limits."""
+    """Annotation of a configuration key that accepts only certain numbers within its limits."""
 
     nearest: Callable[[float], float]
     """Function that returns the accepted value nearest to a number within the limits."""
 
 
 def nearest_tick(seconds: float) -> float:
-    """Return the whole number of ticks nearest to `seconds`, as a time [s]."""
+    """Return the time [s] nearest to `seconds` that is a whole number of ticks."""
     return round(seconds / TICK_S) * TICK_S
 
 
@@ -110,7 +110,7 @@ tractor gets stuck on much softer soil, and much firmer ground is a road."""
 
 
 def cone_index_in_range(kpa: float) -> float:
-    """Return `kpa` unchanged. Raises ValueError for a cone index far outside the range of the fitted tyre laws."""
+    """Return the cone index `kpa` [kPa] unchanged. Raises ValueError outside SOFTEST_KPA to FIRMEST_KPA."""
     if not SOFTEST_KPA <= kpa <= FIRMEST_KPA:
         fits = "the soil model is valid"
         raise ValueError(f"must be from {SOFTEST_KPA:g} to {FIRMEST_KPA:g} kPa, the range in which {fits}, got {kpa:g}")
@@ -119,7 +119,7 @@ def cone_index_in_range(kpa: float) -> float:
 
 ConeIndex = Annotated[float, Field(gt=0, le=HUGE), AfterValidator(cone_index_in_range)]
 Latency = Annotated[float, Field(ge=0, le=5), AfterValidator(whole_ticks), Discrete(nearest_tick)]
-"""Delay in whole ticks [s]."""
+"""Delay [s], a whole number of ticks."""
 
 
 class Spec(BaseModel):
@@ -131,7 +131,7 @@ class Spec(BaseModel):
     """Exponents of the size ratios (`machine.fitting.ratios_of`) that scale default values, by dotted key."""
 
     def following(self, ratios: Mapping[str, float]) -> Self:
-        """Return a copy whose default values, also in nested tables, are scaled by the size `ratios` of a machine."""
+        """Return a copy whose default values are scaled by the size `ratios` of a machine, also in nested tables."""
         parts = {name: part for name in type(self).model_fields if isinstance(part := getattr(self, name), Spec)}
         found = self.model_copy()
         found.__dict__.update({name: part.following(ratios) for name, part in parts.items()})
@@ -160,7 +160,7 @@ class Spec(BaseModel):
 
 
 def fill(part: Spec, keys: list[str], value: Any, default: bool = False) -> None:
-    """Set the value of a key that was not set explicitly, without marking the key as explicitly set."""
+    """Set a key to a default value unless the user has set the key; the key is not marked as set by the user."""
     name, *rest = keys
     default = default or name not in part.model_fields_set
     if rest:
@@ -172,7 +172,7 @@ def fill(part: Spec, keys: list[str], value: Any, default: bool = False) -> None
 
 
 def _limits(field: FieldInfo) -> tuple[float, float]:
-    """Return the minimum and the maximum that a key accepts, by default -infinity and `HUGE`."""
+    """Return the minimum and the maximum of the numbers that a key accepts, by default -infinity and `HUGE`."""
     low, high = ([getattr(m, end) for m in field.metadata if hasattr(m, end)] for end in ("ge", "le"))
     return low[0] if low else -inf, high[0] if high else HUGE
 
@@ -198,7 +198,7 @@ def _nested(annotation: Any) -> list[Any]:
 
 
 def members(annotation: Any) -> Mapping[str, type[Spec]]:
-    """Return the configuration classes in an annotation by `kind`, or by class name if a class has no kind."""
+    """Return the configuration classes in a type annotation by `kind`, or by class name if a class has no kind."""
     return _members(annotation)
 
 
@@ -216,5 +216,5 @@ def _members(annotation: Any) -> Mapping[str, type[Spec]]:
 
 
 def every(union: Any) -> list[type[Spec]]:
-    """Return the classes of a discriminated union such as `Path`, which contains all kinds of a table."""
+    """Return the classes of a union such as `Path`, one for each kind of a configuration table."""
     return list(dict.fromkeys(members(union).values()))

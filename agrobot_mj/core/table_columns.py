@@ -34,7 +34,7 @@ MOST_STEPS = 1e8
 """Maximum duration of a log divided by its median time step [-]: a year at 3 Hz. A log above this ratio is rejected."""
 NAME = b"name"  # Key of the log's name in the table metadata
 PARQUET = b"PAR1"  # First bytes of a Parquet file
-CONTROL = re.compile(r"[\x00-\x08\x0e-\x1a]")  # Pattern of a character that text does not contain
+CONTROL = re.compile(r"[\x00-\x08\x0e-\x1a]")  # Pattern of control characters, which do not occur in text files
 NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")  # Pattern of a finite number in a CSV cell
 
 
@@ -73,7 +73,8 @@ def read_columns(source: Source, wanted: Sequence[str], why: dict[str, str] | No
 
 
 def accepted_rows(source: Source, column: str, accepted: Sequence[int | str], why: str) -> Mask:
-    """Return a mask (n,) of the rows whose cell is in `accepted`. Raises the same errors as `read_columns`."""
+    """Return a mask (n,) of the rows whose cell in `column` is one of `accepted`. Raises the same errors as
+    `read_columns`."""
     cells = _cells(source, [column], {column: why})(column)
     if not pa.types.is_string(cells.type):
         return np.isin(_floats(source_name(source), column, cells), [a for a in accepted if not isinstance(a, str)])
@@ -107,7 +108,7 @@ def _cells(source: Source, wanted: Sequence[str], why: dict[str, str] | None) ->
 
 
 def loaded(source: Source) -> Source:
-    """Return a log that can be read by columns. A CSV file is converted to a table.
+    """Return a log whose columns can be read one by one: a CSV file is converted to a table in memory.
 
     Raises `FieldLogError` for an unreadable file.
     """
@@ -149,7 +150,7 @@ def check_time(name: str, column: str, t: Array, unit_key: str = "") -> None:
 
 
 def source_name(source: Source) -> str:
-    """Return the name of a log for messages."""
+    """Return the name of a log for messages: the file name, or the name stored in a table."""
     if isinstance(source, Path):
         return source.name
     name: bytes = (source.schema.metadata or {}).get(NAME, b"log")
@@ -165,7 +166,7 @@ def check_size(path: Path, most: int = MOST_CSV_BYTES) -> None:
 
 
 def is_parquet(data: bytes) -> bool:
-    """Return whether a file is a Parquet file; `data` contains its first bytes."""
+    """Return whether `data`, the first bytes of a file, are the start of a Parquet file."""
     return data.startswith(PARQUET)
 
 
@@ -238,7 +239,7 @@ def _floats(name: str, column: str, cells: pa.ChunkedArray) -> Array:
 
 
 def _numpy(cells: pa.ChunkedArray, origin: int) -> Array:
-    """Return cells minus `origin` as a writable array. Subtracting integers keeps all digits of nanoseconds."""
+    """Return cells minus `origin` as a writable float array. Subtracting integers keeps all digits of nanoseconds."""
     if origin:
         return np.array([np.nan if v is None else float(v - origin) for v in cells.to_pylist()])
     return np.array(cells.to_numpy(zero_copy_only=False), dtype=np.float64)

@@ -47,7 +47,8 @@ def scaled(s: float, a: Vector) -> Vector:
 
 @kernel
 def to_world(R: Array, a: Vector) -> Vector:
-    """Rotate a vector from body axes to world axes by the rotation matrix `R` (9,), row-major as in MuJoCo."""
+    """Rotate a vector from body axes to world axes by a rotation matrix with the elements `R` (9,), row by row as in
+    MuJoCo."""
     return (
         R[0] * a[0] + R[1] * a[1] + R[2] * a[2],
         R[3] * a[0] + R[4] * a[1] + R[5] * a[2],

@@ -1,6 +1,6 @@
 """Traversal of the configuration schema: all keys, and all possible classes of the table under a key.
 
-Different kinds of a table may define the same key, so that a dotted key can belong to several classes, see `places`.
+Different kinds of a table may define the same key, so that a dotted key can belong to several classes (see `places`).
 """
 
 import re
@@ -39,7 +39,7 @@ SYNONYMS = {
     "heading": ("yaw",),
     "time": ("duration",),
 }
-"""Words used in the names of keys and kinds, keyed by synonyms that users may search for."""
+"""Words that occur in the names of keys and kinds, keyed by synonyms that users may search for."""
 SHORT = 3  # Maximum number of letters of a search word that matches complete words only, such as `mu`
 
 
@@ -50,7 +50,8 @@ def alternatives(word: str) -> tuple[str, ...]:
 
 
 def named_by(words: list[str], text: str) -> bool:
-    """Return whether `text` contains all `words` joined together, or each word or one of its synonyms."""
+    """Return whether `text` contains all search `words` joined together, or each word or at least one of its
+    synonyms."""
     if "".join(words).lower() in re.sub(r"[\s_]", "", text.lower()):
         return True
     parts = set(re.split(r"[^a-z0-9]+", text.lower()))
@@ -58,7 +59,8 @@ def named_by(words: list[str], text: str) -> bool:
 
 
 def _contains(parts: set[str], text: str, word: str) -> bool:
-    """Return whether `word` is one of the words `parts` or, if longer than `SHORT` letters, a part of `text`."""
+    """Return whether `word` is one of the words `parts` or, if longer than `SHORT` letters, occurs anywhere in
+    `text`."""
     return word in parts or (len(word) > SHORT and word in text)
 
 
@@ -73,7 +75,7 @@ ALIKE = 0.65  # Minimum similarity of a suggested key name to the unknown name [
 
 
 class Key(NamedTuple):
-    """Key of the configuration schema."""
+    """Key of the configuration schema: its dotted name, the class that defines it, and the last part of the name."""
 
     dotted: str
     owner: type[Spec]
@@ -81,13 +83,13 @@ class Key(NamedTuple):
 
     @property
     def kinds(self) -> Mapping[str, type[Spec]]:
-        """Classes of the table under the key, by kind, or an empty mapping if the table has no kinds."""
+        """Classes of the table under the key, by kind; empty if the key has no table or the table has no kinds."""
         tables = members(self.owner.model_fields[self.name].annotation)
         return tables if all("kind" in table.model_fields for table in tables.values()) else {}
 
 
 class TableClass(NamedTuple):
-    """Possible class of a table of the configuration."""
+    """Possible class of a configuration table, with the kinds that select this class and the default table."""
 
     kinds: tuple[tuple[str, str], ...]  # Kinds that select this class, as pairs (table, kind)
     owner: type[Spec]
@@ -125,7 +127,8 @@ def _indexed(root: type[Spec], _validator: object) -> Index:
 
 
 def elsewhere(root: type[Spec], name: str) -> str:
-    """Return `; did you mean 'tractor.mass_kg'?` with the keys named `name` in any table, or an empty string."""
+    """Return `; did you mean 'tractor.mass_kg'?` with the keys named `name` in any table, or "" if no table has this
+    key."""
     return offered(named(root, name))
 
 
@@ -164,7 +167,7 @@ def nearest(root: type[Spec], dotted: str, owner: type[Spec] | None) -> str:
 
 
 def offered(found: Sequence[str]) -> str:
-    """Return `; did you mean 'x' or 'y'?` with the first `MOST_OFFERED` keys, or an empty string if there are none."""
+    """Return `; did you mean 'x' or 'y'?` with the first `MOST_OFFERED` keys of `found`, or "" if `found` is empty."""
     return f"; did you mean {' or '.join(map(_quoted, found[:MOST_OFFERED]))}?" if found else ""
 
 
@@ -179,7 +182,7 @@ def _kind(key: Key) -> str:
 
 
 def _like(name: str, known: Iterable[str]) -> list[str]:
-    """Return the known names that consist of `name` and a unit, or else its synonyms, or else the most similar name."""
+    """Return the names in `known` that are `name` with a unit, or else its synonyms, or else the most similar name."""
     known = list(known)
     if with_unit := [each for each in known if each.startswith(f"{name}_")]:
         return with_unit
@@ -187,7 +190,7 @@ def _like(name: str, known: Iterable[str]) -> list[str]:
 
 
 def places(root: Spec, tables: Sequence[str]) -> list[TableClass]:
-    """Return all possible classes of the table under the keys `tables` of `root`. The list may be empty."""
+    """Return all possible classes of the table under the nested keys `tables` of `root`. The list may be empty."""
     found = [TableClass((), type(root), root)]
     for depth, name in enumerate(tables):
         found = [inner for place in found for inner in _inside(place, name, ".".join(tables[: depth + 1]))]

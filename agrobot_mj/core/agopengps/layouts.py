@@ -1,7 +1,7 @@
 """Byte layouts of the AgOpenGPS messages, with one codec per message.
 
-In frames, angles are in degrees and positive to the right, headings in degrees clockwise from north, and speeds in
-km/h. Values outside the range of a field saturate at its limits.
+In the transmitted frames, angles are in degrees and positive to the right, headings in degrees clockwise from north,
+and speeds in km/h. Speeds, angles and cross-track errors outside the range of their field saturate at its limits.
 """
 
 from collections.abc import Callable
@@ -52,15 +52,15 @@ def from_wire_angle(value: int) -> float:
 
 
 def from_compass(heading: float) -> float:
-    """Convert a compass heading [deg] to a yaw [rad]."""
+    """Convert a compass heading [deg], clockwise from north, to a yaw [rad], counter-clockwise from east."""
     return wrap(pi / 2 - radians(heading))
 
 
 def cross_track_of(message: SteerData, dialect: str) -> float:
     """Return the cross-track error [m] in a message, positive to the left, or NaN if the program has no guidance line.
 
-    Byte 10 of the frame contains the error, positive to the right: in AgOpenGPS in steps of 2 cm relative to 127 (up to
-    2.5 m), in AgOpenWeb in signed centimetres (up to 1.3 m).
+    Byte 10 of the frame contains the error, positive to the right. AgOpenGPS sends steps of 2 cm relative to 127 (up to
+    2.5 m). AgOpenWeb sends signed centimetres (up to 1.3 m). `dialect` is "agopenweb" for AgOpenWeb.
     """
     if dialect == "agopenweb":
         value = message.cross_track - 256 if message.cross_track > 127 else message.cross_track
@@ -69,14 +69,15 @@ def cross_track_of(message: SteerData, dialect: str) -> float:
 
 
 def cross_track_byte(distance: float, dialect: str) -> int:
-    """Return the byte of a `SteerData` message for the cross-track error `distance` [m], positive to the left."""
+    """Return the `SteerData` byte for the cross-track error `distance` [m], positive to the left, for a host
+    `dialect`."""
     if dialect == "agopenweb":
         return limited(-distance * 100, -127, 127) & 0xFF
     return limited(127 - distance * 50, 0, 254)
 
 
 def limited(value: float, low: int, high: int) -> int:
-    """Return `value` limited to [low, high] and rounded to an integer."""
+    """Return `value` limited to the interval from `low` to `high` and rounded to an integer."""
     return round(min(max(value, low), high))
 
 

@@ -1,9 +1,10 @@
-"""Messages of the AgOpenGPS family in SI units with the signs of this package; `layouts` defines their bytes.
+"""Messages of the AgOpenGPS family in SI units with the signs of this package; the module `layouts` defines their
+bytes.
 
-In frames, angles are in degrees and positive to the right, headings in degrees clockwise from north, speeds in km/h. In
-these classes, angles are in rad and positive to the left, headings in rad counter-clockwise from east, speeds in m/s.
-In both, roll is positive with the left side up. A value that a module on the tractor cannot measure is NaN in these
-classes and a reserved number in the frame.
+In transmitted frames, angles are in degrees and positive to the right, headings in degrees clockwise from north, speeds
+in km/h. In these classes, angles are in rad and positive to the left, headings in rad counter-clockwise from east,
+speeds in m/s. In both, roll is positive with the left side up. A quantity that a module on the tractor cannot measure
+is NaN in these classes and a reserved number in the frame.
 """
 
 from math import nan
@@ -19,7 +20,7 @@ class SteerData(NamedTuple):
     speed: float  # Speed estimated by the host [m/s], without sign
     status: int  # Status bits; the bit for "engaged" depends on the host program
     steer: float  # Setpoint of the steering angle [rad], left positive, also valid while steering is not engaged
-    cross_track: int = NO_LINE  # Cross-track byte in the encoding of the host program
+    cross_track: int = NO_LINE  # Cross-track error, encoded by the host program in one byte
     sections: int = 0  # Bit mask of the implement sections 1-16
 
 
@@ -39,16 +40,18 @@ class SteerConfig(NamedTuple):
     """Message 251: hardware configuration of the steering module."""
 
     set0: int
-    """Bit flags: bit 0 inverted angle sensor, 1 active-high relay, 2 inverted motor, 5 steer switch, 6 steer button."""
+    """Bit flags: 0 inverted angle sensor, 1 active-high relay, 2 inverted motor, 5 steer switch installed, 6 steer
+    button."""
     pulse_count_max: int = 0  # Encoder counts of the steering wheel that indicate a manual override [counts]
     min_speed: int = 0  # Minimum speed for steering [0.1 km/h]
     set1: int = 0
     """Bit flags: bit 0 Danfoss valve, 1 pressure sensor, 2 current sensor, 3 roll from the inertial unit's y axis."""
-    angular_velocity: int = 0  # Field ignored by boards
+    angular_velocity: int = 0  # Field that steering boards ignore
 
 
 class Hello(NamedTuple):
-    """Message 200: query for modules every 2 s. Bridge programs send it even after their guidance program stops."""
+    """Message 200: query for modules, sent every 2 s. Bridge programs send the query even after their guidance program
+    stops."""
 
 
 class Scan(NamedTuple):
@@ -68,10 +71,10 @@ class SteerState(NamedTuple):
 class HelloReply(NamedTuple):
     """Message 126 or 121: reply of a module to a hello message."""
 
-    module: int  # Number of the module, which is also the number of the message
+    module: int  # Number of the replying module, which is also the message number
     steer: float = 0.0  # Measured steering angle [rad], left positive
     counts: int = 0  # Raw value of the angle sensor [counts]
-    switches: int = 0  # Switch bits as in `SteerState`
+    switches: int = 0  # Bits of the switches: 0 work, 1 steer, 2 remote
 
 
 class ScanReply(NamedTuple):
@@ -79,7 +82,7 @@ class ScanReply(NamedTuple):
 
     module: int
     address: tuple[int, ...]
-    subnet: tuple[int, ...]  # Subnet of the querying host, three numbers
+    subnet: tuple[int, ...]  # First three numbers of the subnet of the querying host
 
 
 Message = SteerData | SteerSettings | SteerConfig | Hello | Scan | SteerState | HelloReply | ScanReply

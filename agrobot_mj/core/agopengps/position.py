@@ -1,8 +1,8 @@
 """Position sentences of the AgOpenGPS family: `$PANDA` (one antenna and an inertial unit) and `$PAOGI` (two antennas).
 
 Both sentences end with speed [kn], heading, roll, pitch and yaw rate. Heading is clockwise from north. Roll is positive
-with the right side down, and pitch with the nose up. Heading, roll and pitch are in degrees in PAOGI, and integers in
-units of 0.1 deg in PANDA.
+with the right side down, and pitch with the nose up. Heading, roll and pitch are decimal numbers in degrees in PAOGI,
+and integers in units of 0.1 deg in PANDA.
 
 Without an inertial unit, the PANDA heading is a reserved number, because guidance programs interpret an empty or
 fractional field as 0 (north). Roll, pitch and yaw rate are then 0, which these programs also assume for empty fields.
@@ -19,7 +19,7 @@ FIELDS = 16
 
 
 class BoardAttitude(NamedTuple):
-    """Attitude measured by the inertial unit or by two antennas. Values that are not measured are NaN."""
+    """Attitude measured by the inertial unit or by two antennas. Angles and rates that are not measured are NaN."""
 
     yaw: float = nan  # Yaw [rad]
     roll: float = nan  # Roll [rad], left side up positive
@@ -28,7 +28,8 @@ class BoardAttitude(NamedTuple):
 
 
 def panda(s: Solution, a: BoardAttitude) -> bytes:
-    """Return the PANDA sentence of a receiver with one antenna and an optional inertial unit."""
+    """Return the PANDA sentence for the solution `s` of a receiver and the attitude `a` of an optional inertial
+    unit."""
     heading = NO_HEADING if isnan(a.yaw) else round(to_compass(a.yaw) * 10) % 3600
     roll = 0 if isnan(a.roll) else int16(degrees(a.roll) * 10)
     pitch = 0 if isnan(a.pitch) else int16(-degrees(a.pitch) * 10)
@@ -53,7 +54,7 @@ def _common(s: Solution) -> tuple[object, ...]:
 
 
 class Position(NamedTuple):
-    """Decoded position sentence."""
+    """Content of a PANDA or PAOGI position sentence."""
 
     dual: bool  # Whether the heading comes from two antennas
     solution: Solution
@@ -61,7 +62,7 @@ class Position(NamedTuple):
 
 
 def read(datagram: bytes) -> Position | None:
-    """Decode a PANDA or PAOGI sentence. Return None for other or invalid sentences."""
+    """Decode a PANDA or PAOGI sentence. Return None for other sentences and for invalid or non-finite fields."""
     fields = fields_of(datagram)
     if fields is None or len(fields) != FIELDS or fields[0] not in ("PANDA", "PAOGI"):
         return None

@@ -1,4 +1,4 @@
-"""Record of all datagrams of a link in both directions: `link.parquet`, the input of `--replay`.
+"""Record of all datagrams between the simulator and a guidance program: `link.parquet`, the input of `--replay`.
 
 Columns:
 
@@ -21,7 +21,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import absence
 from agrobot_mj.core.signals import TICK_S
 
-MOST = 2_000_000  # Maximum number of recorded datagrams; additional datagrams are only counted
+MOST = 2_000_000  # Maximum number of datagrams in a record; further datagrams are only counted
 SCHEMA = pa.schema(
     {"t": pa.float64(), "wall_s": pa.float64(), "direction": pa.string(), "address": pa.string(), "bytes": pa.binary()}
 )
@@ -31,7 +31,7 @@ SCENARIO = b"scenario"
 
 
 class Datagram(NamedTuple):
-    """Recorded datagram of a link."""
+    """Recorded datagram between the simulator and a guidance program."""
 
     turn: int  # Index of the link cycle in which the datagram could first take effect
     wall: float  # Wall time since the link opened [s]
@@ -41,7 +41,7 @@ class Datagram(NamedTuple):
 
 
 class Traffic:
-    """Recorder of the datagrams of a link."""
+    """Recorder of the datagrams between the simulator and a guidance program."""
 
     def __init__(self) -> None:
         self.kept: list[Datagram] = []
@@ -55,7 +55,8 @@ class Traffic:
             self.dropped += 1
 
     def table(self, start: int, scenario: str = "") -> pa.Table:
-        """Return the datagrams as a table with t = 0 in link cycle `start`, and with `scenario` (TOML) as metadata."""
+        """Return the datagrams as a table, with t = 0 in link cycle `start` and the text `scenario` (TOML) as
+        metadata."""
         rows = [((d.turn - start) * TICK_S, *d[1:]) for d in self.kept]
         columns = zip(*rows, strict=True) if rows else ((),) * len(SCHEMA)
         schema = SCHEMA.with_metadata({SCENARIO: scenario.encode()} if scenario else None)
@@ -63,7 +64,8 @@ class Traffic:
 
 
 def read_traffic(path: Path) -> list[Datagram]:
-    """Read the datagrams of a `link.parquet`; cycle numbers start at 0. Raises `ScenarioError` for an invalid file."""
+    """Return the datagrams in a `link.parquet`, with link cycles counted from 0. Raises `ScenarioError` for an invalid
+    file."""
     if not path.is_file():
         fix = "specify the link.parquet of an earlier run with --replay"
         raise ScenarioError(f"{path}: {absence(path, fix)}")

@@ -15,7 +15,7 @@ from agrobot_mj.core.agopengps.messages import HelloReply, Message
 PREAMBLE = b"\x80\x81"
 OVERHEAD = 6  # Length of a frame without its data [bytes]
 UNCHECKED = frozenset({200, 201, 202})
-"""Numbers of the messages whose check byte is ignored: hello, subnet change and scan."""
+"""Numbers of the messages whose check byte is ignored: hello (200), subnet change (201) and scan (202)."""
 
 
 class Rejected(NamedTuple):
@@ -43,14 +43,16 @@ def frame(source: int, number: int, data: bytes) -> bytes:
 
 
 def encode(message: Message) -> bytes:
-    """Return the frame of a message; values outside the range of a field saturate."""
+    """Return the frame of a message. Speeds, angles and cross-track errors outside the range of their field
+    saturate."""
     number = message.module if isinstance(message, HelloReply) else NUMBERS[type(message)]
     codec = CODECS[number]
     return frame(codec.source, number, codec.pack(message))
 
 
 def decode(datagram: bytes) -> Message | Unknown | Rejected:
-    """Return the message in a datagram, `Unknown` for an unsupported message, or `Rejected` for an invalid frame."""
+    """Return the message in a datagram, `Unknown` for an unsupported message number, or `Rejected` for an invalid
+    frame."""
     if datagram[:2] != PREAMBLE:
         return Rejected("preamble")
     if len(datagram) < OVERHEAD or len(datagram) != OVERHEAD + datagram[4]:
