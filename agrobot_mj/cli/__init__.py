@@ -34,7 +34,7 @@ from agrobot_mj.core.errors import ScenarioError, bounded, missing_extra
 __all__ = ["app", "main"]
 
 
-BROKEN_OFF = 130  # Exit status of a command interrupted by a signal, as in Unix shells
+BROKEN_OFF = 130  # Exit status after an interruption by a signal, as used by Unix shells
 OBJECTS_PER_COLLECTION = 500_000
 """Number of new objects between two garbage collections [-]. Python's default increases the start-up time by 0.25 s."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
@@ -44,7 +44,7 @@ USAGE_ERROR: Any = typer.BadParameter.__bases__[0]
 
 
 def main() -> None:
-    """Run the program. For invalid input, exit with status 2 and one message, or a JSON document with `--json`."""
+    """Run the command line. For invalid input, exit with status 2 and one message, or a JSON document with `--json`."""
     gc.set_threshold(OBJECTS_PER_COLLECTION)
     atexit.register(gc.freeze)  # avoids a garbage collection over all modules at exit, which takes 0.4 s
     sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115 - closed by the caller
@@ -75,7 +75,7 @@ def main() -> None:
 
 
 def _of_plugin(error: Exception) -> str:
-    """Return the traceback of an error from the first frame in a plugin file, or an empty string for other errors."""
+    """Return the traceback of `error` from the first frame in a plugin file, or "" if no frame is in a plugin file."""
     if (plugins := sys.modules.get("agrobot_mj.scenario.plugins")) is None:
         return ""
     files, frame = set(map(str, plugins.loaded_files())), error.__traceback__
@@ -133,7 +133,7 @@ OTHER_WORDS = {"law": "guidance", "laws": "guidance"}
 
 
 def meant(error: Any) -> str:
-    """Return a suggestion for the message of a usage error, such as `use --set seed=3`, or an empty string."""
+    """Return a suggestion that ends the message of a usage error, such as `use --set seed=3`, or an empty string."""
     if (context := error.ctx) is None:
         return ""
     options = _options(context.command)
@@ -145,7 +145,7 @@ def meant(error: Any) -> str:
 
 
 def _for_option(flag: str, options: set[str], context: Any) -> str:
-    """Return the suggestion for an unknown option of a command, or an empty string."""
+    """Return the suggestion for the unknown option `flag`, or an empty string if there is none."""
     word = flag.lstrip("-").replace("-", "_")
     if (other := OTHER_NAMES.get(word)) in options:
         return f"use {other}"
@@ -178,7 +178,8 @@ def _as_toml(value: str) -> str:
 
 
 def _key(word: str) -> str:
-    """Return the scenario key named `word`, with or without unit, or the key `kind` of the table named `word`."""
+    """Return the scenario key `word`, with or without unit, or the key `kind` of the table `word`; "" if none
+    exists."""
     from agrobot_mj.core.spec import members
     from agrobot_mj.core.walk import keys
     from agrobot_mj.scenario.schema import Scenario

@@ -1,4 +1,4 @@
-"""Output of the result of a command, as lines of text or, with `--json`, as one JSON document.
+"""Printing of command results, as lines of text or, with `--json`, as one JSON document.
 
 With `--json` stdout contains only the document, for every exit status. Progress, hints and output of libraries or
 plugins go to stderr. The document contains the result of the command and the keys `command`, `version`, `exit_status`
@@ -26,7 +26,7 @@ Json = Annotated[bool, typer.Option(FLAG, help="Print one JSON document, also on
 
 
 def with_json(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the option `--json` to a command that returns an `Answer`. Other commands are returned unchanged."""
+    """Return a command with the additional option `--json`, or the same command if its result is not an `Answer`."""
     if signature(command).return_annotation is not Answer:
         return command
 
@@ -46,7 +46,7 @@ def with_json(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def document(command: str, status: int, error: str, content: Mapping[str, Any]) -> str:
-    """Return the result of a command as the text of a JSON document."""
+    """Return the text of the JSON document with the result `content`, the exit status and the error of a command."""
     about = {"command": command, "version": __version__, "exit_status": status, "error": error or None}
     return json.dumps({**about, **content}, indent=2, allow_nan=False)
 

@@ -19,7 +19,7 @@ from agrobot_mj.core.resources import installed
 from agrobot_mj.core.version import __version__
 
 Commands = Mapping[Callable[..., Any], HelpEntry | Sequence[str]]
-"""Command functions, each with its help entry or, for the panel `Other commands`, only its examples."""
+"""Command functions, each with its help entry, or with only its examples for the panel `Other commands`."""
 CORE: Commands = {
     runs.run: listed(
         "Run",
@@ -56,7 +56,7 @@ WIDEST = 74  # Maximum line length of an example [characters], for terminals wit
 
 
 def epilog(examples: Sequence[str]) -> str:
-    """Return the examples for the end of a command's help text. Long lines are continued with a backslash."""
+    """Return the example commands as the end of a command's help text. Long lines are continued with a backslash."""
     if not examples:
         return ""
     lines = [line for example in examples for line in _folded(f"agrobot-mj {example}")]

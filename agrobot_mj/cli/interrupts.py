@@ -1,4 +1,4 @@
-"""Handling of Ctrl-C and SIGTERM. Runs end as `aborted` with complete files; other work is cancelled and cleaned up."""
+"""Handling of Ctrl-C and SIGTERM. Runs end as `aborted` with complete files; other commands are cancelled."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,13 +8,13 @@ from agrobot_mj.core.interrupts import handled_by
 
 
 class Stop:
-    """Function object that a run calls in each tick. The run ends if the result is True."""
+    """Callable that a run calls in each tick. The run ends when the result is True."""
 
     def __init__(self) -> None:
         self.requested = self.running = False
 
     def __call__(self) -> bool:
-        """Return whether a signal was received."""
+        """Return whether a signal has requested the end of the run."""
         self.running = True
         return self.requested
 
@@ -36,7 +36,7 @@ def stop_on_signals() -> Iterator[Stop]:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Raise KeyboardInterrupt in the block on SIGTERM, as on Ctrl-C.
+    """Raise KeyboardInterrupt on SIGTERM or Ctrl-C within the block.
 
     KeyboardInterrupt is raised even if an extension module converts the exception in a callback, or if the interpreter
     drops the exception in a finaliser.

@@ -43,14 +43,14 @@ Plugins = Annotated[
 
 
 def number(value: float | None) -> float | None:
-    """Return the numeric value of an option, which may be infinite. Raises BadParameter for NaN."""
+    """Return the number given for an option, which may be infinite, or None. Raises BadParameter for NaN."""
     if value is not None and isnan(value):
         raise typer.BadParameter("is not a number")
     return value
 
 
 def finite(value: float | None) -> float | None:
-    """Return the finite value of an option. Raises BadParameter for NaN, infinity and values that overflow."""
+    """Return the finite number given for an option, or None. Raises BadParameter for NaN, infinity and overflows."""
     if value is not None and not isfinite(value):
         raise typer.BadParameter("must be a finite number")
     return value
@@ -71,7 +71,7 @@ Recorded = Annotated[Path, typer.Argument(metavar="FILE.rrd", help="A recording.
 class Answer(NamedTuple):
     """Result of a command."""
 
-    content: Mapping[str, Any]  # Result as plain data: keys and values of the JSON document
+    content: Mapping[str, Any]  # Result of the command: keys and values of the JSON document
     text: str  # Text printed at the end of the command
     failed: str = ""  # Error message of exit status 1, or an empty string for exit status 0
 
@@ -80,7 +80,7 @@ LONGEST_NAME = 150  # Maximum number of characters of a default folder name
 
 
 def overrides(sets: list[str] | None, option: str = "--set") -> dict[str, Any]:
-    """Convert texts `key=value` to a mapping of dotted keys to values. Values that are not TOML are strings."""
+    """Convert texts `key=value` to a mapping of dotted keys to values. Values that are not valid TOML are strings."""
     found: dict[str, Any] = {}
     for text in sets or []:
         key, equals, value = utf8(text, option).partition("=")
@@ -110,7 +110,7 @@ def utf8(text: str, option: str) -> str:
 
 
 def with_plugins(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the option `--plugin` to a command. Plugin files are loaded before the command runs."""
+    """Return a command with the additional option `--plugin`. Plugin files are loaded before the command runs."""
 
     @wraps(command)
     def begun(*given: Any, plugins: list[Path] | None, **options: Any) -> Any:
@@ -124,7 +124,7 @@ def with_plugins(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def with_machine(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the option `--machine` to a command that accepts overrides. The machine is applied before these overrides."""
+    """Return a command with the option `--machine` if it accepts overrides, which apply after the machine."""
     if "sets" not in signature(command).parameters:
         return command
 
@@ -139,7 +139,7 @@ def with_machine(command: Callable[..., Any]) -> Callable[..., Any]:
 def with_option(
     begun: Callable[..., Any], command: Callable[..., Any], name: str, kind: Any, default: Any = None
 ) -> Callable[..., Any]:
-    """Give the wrapper function `begun` the signature of `command` and an additional option `name`, and return it."""
+    """Give `begun`, which wraps `command`, the signature of `command` and the option `name`; return `begun`."""
     own = signature(command)
     option = Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
     begun.__signature__ = own.replace(parameters=[*own.parameters.values(), option])  # type: ignore[attr-defined]
@@ -148,7 +148,7 @@ def with_option(
 
 
 def names(text: str, option: str) -> list[str]:
-    """Return the names in a comma-separated list, without duplicates."""
+    """Return the names in a comma-separated list, without duplicates. Raises `ScenarioError` for an empty list."""
     found = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
     if not found:
         raise ScenarioError(f"{option}: the list is empty; specify at least one name")
@@ -156,7 +156,7 @@ def names(text: str, option: str) -> list[str]:
 
 
 def seconds(text: str) -> list[float]:
-    """Return the times in a comma-separated list [s]."""
+    """Return the times [s] in a comma-separated list. Raises `ScenarioError` unless all are finite and not negative."""
     try:
         times = [float(name) for name in names(text, "--at")]
     except ValueError:
@@ -167,7 +167,8 @@ def seconds(text: str) -> list[float]:
 
 
 def results_folder(out: Path | None, default: str) -> Path:
-    """Return the writable results folder: `out` or, by default, a folder in `runs/` named after `default`."""
+    """Return the results folder: `out` or a folder in `runs/` named after `default`. Raises an error if not
+    writable."""
     if out is not None:
         utf8(str(out), "--out")
     folder = out if out is not None else Path("runs") / re.sub(r"[^\w.-]+", "_", default).lstrip(".")[-LONGEST_NAME:]

@@ -1,4 +1,4 @@
-"""Output of commands: results on stdout, and hints on stderr. Stdout may be a closed pipe or a file on a full disk."""
+"""Printing of command results on stdout and hints on stderr. A closed pipe or a full disk does not end the command."""
 
 import sys
 from collections.abc import Iterable
@@ -9,11 +9,11 @@ if TYPE_CHECKING:
     from agrobot_mj.scenario.schema import Scenario
 
 MOST_SCENARIOS, MOST_LINES = 100, 10
-"""Maximum number of scenarios that are checked for hints, and maximum number of hints printed."""
+"""Maximum number of scenarios that are checked for hints, and maximum number of hints that are printed."""
 
 
 def print_hints(scenarios: "Iterable[Scenario]", quiet: bool) -> list[str]:
-    """Print the hints about the first scenarios to stderr, omitting duplicates. Return the hints, or [] if `quiet`."""
+    """Print hints about the first scenarios to stderr without duplicates, and return them. If `quiet`, return []."""
     if quiet:
         return []
     from agrobot_mj.scenario.hints import hints

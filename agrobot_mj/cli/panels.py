@@ -19,11 +19,11 @@ class HelpEntry(NamedTuple):
     panel: str = "Other commands"
     advanced: bool = False  # Whether only `--help-all` lists the command
     now: str = ""
-    """Replacement of a deprecated command. Deprecated commands are hidden, and removed in the next version."""
+    """Replacement of a deprecated command. Deprecated commands are hidden and will be removed in the next version."""
 
 
 def listed(panel: str, *examples: str, advanced: bool = False) -> HelpEntry:
-    """Return a help entry with the panel and the example command lines of a command."""
+    """Return the help entry of a command with its panel and its example command lines."""
     return HelpEntry(examples, panel, advanced)
 
 
@@ -31,7 +31,7 @@ COMMANDS: dict[str, HelpEntry] = {}
 
 
 def command_name(function: Callable[..., Any]) -> str:
-    """Return the command name of a function: trailing underscores are removed, and other underscores become spaces."""
+    """Return the command name of a function: without trailing underscores, and with spaces for other underscores."""
     return function.__name__.rstrip("_").replace("_", " ")
 
 
@@ -45,7 +45,7 @@ class PanelledGroup(TyperGroup):
     """Command group that lists its commands in panels and supports command names of two words."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return the command name, the command, and the remaining arguments of a command line."""
+        """Return the command name, the command, and its arguments from the words `args` of a command line."""
         for before, word in pairwise(("", *args)):
             if re.fullmatch(r"(--[\w-]+=)?\s*", word):
                 place = f" after {before}" if before else ""
@@ -71,7 +71,7 @@ class PanelledGroup(TyperGroup):
                     formatter.write_dl(self._rows(names, [*shown], formatter))
 
     def _rows(self, names: Sequence[str], aligned: Sequence[str], formatter: Any) -> list[tuple[str, str]]:
-        """Return the help rows of commands: name, padded to the longest name in `aligned`, and description."""
+        """Return name and description of each command in `names`. Names are padded to the longest name in `aligned`."""
         width = max(map(len, aligned))
         limit = formatter.width - width - 6
         return [(f"{name:{width}}", self.commands[name].get_short_help_str(limit)) for name in names]

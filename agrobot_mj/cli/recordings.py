@@ -1,4 +1,4 @@
-"""Commands that display recordings."""
+"""Commands that display Rerun recordings: `view` and `snapshot`."""
 
 import os
 import sys

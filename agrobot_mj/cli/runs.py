@@ -1,4 +1,4 @@
-"""Commands that simulate one run, or compare laws, variants, plants and seeds.
+"""Commands `run`, which simulates one scenario, and `compare`, which compares laws, variants, plants and seeds.
 
 Example of `--variant`: `worn: steering.valve.dead_band_v=0.8, path.points=[[0, 0], [9, 0]]`.
 """
@@ -68,7 +68,7 @@ def run(
 
 
 def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ...]":
-    """Return the recorders of a run: one that writes to a file, to a live viewer or to both, or none."""
+    """Return the Rerun recorder of a run, for a file, a live viewer or both. The tuple is empty without a recorder."""
     from agrobot_mj.simulation.storage import RECORDING, can_record
 
     if not live and not (recorded and can_record()):
@@ -79,7 +79,7 @@ def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ..
 
 
 def answer(log: "Log", folder: Path, hints: list[str], about: list[str]) -> Answer:
-    """Return the result of a command that simulated one run. The first line contains the outcome and texts `about`."""
+    """Return the result of a command that simulated one run. The texts `about` follow the outcome in the first line."""
     from agrobot_mj.metrics.safety import drift_text
     from agrobot_mj.simulation.diagnosis import attribution
 
@@ -96,7 +96,7 @@ def answer(log: "Log", folder: Path, hints: list[str], about: list[str]) -> Answ
 
 
 def _unexpected(log: "Log") -> str:
-    """Return a message about an unexpected outcome, or an empty string if the run ended as its scenario expects."""
+    """Return a message about an unexpected outcome, or an empty string for an outcome that the scenario expects."""
     if log.as_expected:
         return ""
     s, t = log.scenario, log.column("t")
@@ -165,7 +165,7 @@ FORM = '"name: key=value, key=value"'
 
 
 def variants(texts: list[str] | None) -> "list[SweepVariant]":
-    """Return the variants given on the command line, in order. Raises `ScenarioError` for an invalid text."""
+    """Return the variants from the texts of `--variant`, in order. Raises `ScenarioError` for an invalid text."""
     return [_variant(text) for text in texts or []]
 
 
@@ -188,7 +188,7 @@ def _variant(text: str) -> "SweepVariant":
 
 
 def _items(text: str, name: str) -> Iterator[tuple[str, Any]]:
-    """Yield keys and values of a text `KEY=VALUE, ...`. A value is a bare word or TOML that may contain commas."""
+    """Yield keys and values of a text `KEY=VALUE, ...`. A value is a bare word, or TOML that may contain commas."""
     item, fault = "", ""
     for part in text.split(","):
         item += part

@@ -15,7 +15,7 @@ PAGE, POSTER = "share.html", "poster.png"  # Files written by `report --share`
 
 
 def recording_of(folder: Path) -> Path:
-    """Return the path of the recording in a results folder. Raises `ScenarioError` for a folder without a recording."""
+    """Return the recording in a results folder, preferably of a comparison. Raises `ScenarioError` if there is none."""
     from agrobot_mj.simulation.storage import RECORDING
 
     found = next((file for name in (COMPARISON, RECORDING) if (file := folder / name).is_file()), None)
@@ -32,7 +32,8 @@ def recording_of(folder: Path) -> Path:
 
 
 def share(recording: Path) -> list[Path]:
-    """Write the page and the poster next to a recording. Return both files, or only the page if rendering fails."""
+    """Write the HTML page and the poster next to a recording. Return their paths, or only the page if rendering
+    fails."""
     from agrobot_mj.recording.transport.share import write_shared
 
     folder = recording.parent
@@ -43,7 +44,7 @@ def share(recording: Path) -> list[Path]:
 
 
 def _poster(recording: Path, file: Path) -> Path | None:
-    """Render the first tab of a recording to `file`. Return the file, or None if rendering fails."""
+    """Render the first tab of a recording to the image `file`. Return `file`, or None if rendering fails."""
     from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
 
     with tempfile.TemporaryDirectory() as place:
@@ -58,7 +59,7 @@ def _poster(recording: Path, file: Path) -> Path | None:
 
 
 def _about(folder: Path) -> tuple[str, str]:
-    """Return the title of a results folder, and a text with outcome, lateral error and guidance law."""
+    """Return the title of the scenario in a results folder, and a text with outcome, lateral error and guidance law."""
     try:
         said = tomllib.loads((folder / "scenario.toml").read_text("utf-8"))
         metrics = json.loads((folder / "metrics.json").read_text("utf-8"))

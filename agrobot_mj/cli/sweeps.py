@@ -1,4 +1,4 @@
-"""Commands for sweeps and reports."""
+"""Commands `sweep`, which simulates variations of a scenario, and `report`, which writes an HTML report."""
 
 import re
 import sys
