@@ -1,4 +1,4 @@
-"""Reference paths: desired position and velocity of the CG as functions of time.
+"""Reference paths: desired position and velocity of the tractor's CG as functions of time.
 
 `base.py` defines the interface of all paths. `line`, `circle` and `figure_eight` have a constant speed after a ramp.
 All other paths derive from `Timed`, which computes the speed from limits of speed and acceleration. Paths with parallel
@@ -56,5 +56,5 @@ __all__ = [
 
 
 def sample(path: Path, times: Array) -> Array:
-    """Return the east and north coordinates of `path` at `times` (n,) [s], shape (n, 2) [m]."""
+    """Return the east and north coordinates of `path` at `times` (n,) [s], as an array of shape (n, 2) [m]."""
     return np.array([path.at(t)[:2] for t in np.asarray(times, dtype=float).tolist()]).reshape(-1, 2)

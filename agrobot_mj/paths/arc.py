@@ -1,8 +1,8 @@
 """Geometry of a path segment: poses along an arc or a clothoid, and the reference state of a point that moves along it.
 
 Distances [m] are measured along the tractor's heading and are negative in reverse. Curvature [1/m] is positive to the
-left. Yaw is counter-clockwise from east. `progress` and its inverse `time_at` apply to paths with a linear speed ramp
-from rest to a constant speed.
+left. Yaw is counter-clockwise from east. `progress` and its inverse `time_at` apply to paths on which the speed
+increases linearly from rest to a constant speed.
 """
 
 from itertools import pairwise
@@ -16,7 +16,7 @@ from agrobot_mj.core.geometry import along_arc, wrap
 from agrobot_mj.core.kernels import shared
 from agrobot_mj.core.signals import Reference
 
-SLOWEST_M_S, FASTEST_M_S = 0.001, 5.0  # Minimum and maximum speed of a reference [m/s]
+SLOWEST_M_S, FASTEST_M_S = 0.001, 5.0  # Minimum and maximum speed of a reference path [m/s]
 Speed = Annotated[float, Field(ge=SLOWEST_M_S, le=FASTEST_M_S)]
 Ramp = Annotated[float, Field(ge=0, le=60)]
 RAMP_S = 4.0  # Default ramp time [s]. Assumed value, typical of drivers: 0.3 m/s2 up to 1.2 m/s.
@@ -24,7 +24,7 @@ RAMP_S = 4.0  # Default ramp time [s]. Assumed value, typical of drivers: 0.3 m/
 NODES = tuple(zip(*(part.tolist()[2:] for part in np.polynomial.legendre.leggauss(5)), strict=True))
 """Nodes and weights [-] of five-point Gauss-Legendre quadrature: the central node and the positive nodes."""
 MAX_HALF_TURN = 0.2
-"""Maximum heading change over half a clothoid [rad]. Longer clothoids are halved, for a relative error below 1e-10."""
+"""Maximum heading change over half a clothoid [rad]. Longer clothoids are divided, for a relative error below 1e-10."""
 
 
 class Pose(NamedTuple):
@@ -47,7 +47,7 @@ class Place(NamedTuple):
 def advance(start: Pose, curvature: float, distance: float, sharpness: float = 0.0) -> Pose:
     """Return the pose at `distance` [m] along an arc or clothoid from the pose `start` with initial `curvature` [1/m].
 
-    `sharpness` [1/m2] is the change of curvature per metre: 0 for an arc, nonzero for a clothoid.
+    `sharpness` [1/m2] is the change of curvature per metre, which is 0 for an arc and nonzero for a clothoid.
     """
     return _along_clothoid(start, curvature, distance, sharpness) if sharpness else on_arc(start, curvature, distance)
 
@@ -61,9 +61,9 @@ def on_arc(start: Pose, curvature: float, distance: float) -> Pose:
 
 @shared
 def _along_clothoid(start: Pose, curvature: float, distance: float, sharpness: float) -> Pose:
-    """Return the pose at `distance` [m] along a clothoid, whose parts are halved until their quadrature is accurate.
+    """Return the pose at `distance` [m] along a clothoid, divided into parts until their quadrature is accurate.
 
-    Each part is found from the start, because numba does not compile the recursion. All fractions are exact.
+    A loop finds each part from the start of the clothoid, because numba does not compile the recursion.
     """
     pose, done = start, 0.0
     while done < 1.0:
@@ -79,7 +79,7 @@ def _along_clothoid(start: Pose, curvature: float, distance: float, sharpness: f
 
 @shared
 def _quadrature(start: Pose, curvature: float, half: float, sharpness: float) -> Pose:
-    """Return the pose after the distance `2 * half` [m] on a short clothoid, exact to rounding.
+    """Return the pose after the distance `2 * half` [m] on a short clothoid, exact up to rounding.
 
     At the distance u from the middle, the heading is yaw_m + kappa_m u + sharpness u^2 / 2. The quadratic term is equal
     at u and -u, so each pair of Gauss-Legendre nodes requires one evaluation of its sine and cosine.
@@ -103,19 +103,19 @@ def _quadrature(start: Pose, curvature: float, half: float, sharpness: float) ->
 
 @shared
 def progress(t: float, ramp: float) -> tuple[float, float]:
-    """Return the distance travelled [s] and the speed [-] at time `t` [s], both divided by the speed after the ramp."""
+    """Return the distance [s] and the speed [-] at time `t` [s], divided by the speed after a ramp of `ramp` [s]."""
     if t >= ramp:
         return t - ramp / 2, 1.0
     return (t * t / (2 * ramp), t / ramp) if t > 0 else (0.0, 0.0)
 
 
 def time_at(moved: float, ramp: float) -> float:
-    """Return the time [s] at which the distance travelled, divided by the speed after the ramp, is `moved` [s]."""
+    """Return the time [s] at which the distance divided by the speed after a ramp of `ramp` [s] is `moved` [s]."""
     return moved + ramp / 2 if moved >= ramp / 2 else sqrt(2 * ramp * moved)
 
 
 def turns(duration: float, count: int, ramp: float, run_in: float = 0.0) -> tuple[tuple[float, float], ...]:
-    """Return the start and end times of `count` laps [s].
+    """Return the start and end times of `count` laps [s], for a start with a speed ramp of `ramp` [s].
 
     `duration` is the duration of one lap, and `run_in` the duration of the approach to the first lap, both at full
     speed [s].
@@ -126,7 +126,7 @@ def turns(duration: float, count: int, ramp: float, run_in: float = 0.0) -> tupl
 
 @shared
 def reference(pose: Pose, curvature: float, speed: float, sharpness: float = 0.0) -> Reference:
-    """Return the reference state at `pose` for `speed` [m/s], which is negative in reverse."""
+    """Return the reference state at `pose`. The signed `speed` [m/s] along the heading is negative in reverse."""
     yaw = pose.yaw if -pi < pose.yaw <= pi else wrap(pose.yaw)
     yaw = pi if yaw == -pi else yaw  # an angle just above pi may round to -pi
     return Reference(pose.x, pose.y, speed * cos(yaw), speed * sin(yaw), yaw, curvature, sharpness * speed)
@@ -138,7 +138,7 @@ def reference_along(
 ) -> Reference:
     """Return the reference state at `distance` [m] along a segment that starts at the pose `start`.
 
-    `speed` [m/s] is negative in reverse. `trend` is the change of curvature per metre of the exact curve [1/m2].
+    `speed` [m/s] is negative in reverse. `trend` is the change of curvature per metre of the approximated curve [1/m2].
     """
     pose = advance(start, curvature, distance, sharpness)
     return reference(pose, curvature + sharpness * distance if sharpness else curvature, speed, trend)

@@ -1,8 +1,8 @@
 """Interface of the reference paths: desired position and velocity of the CG as functions of time.
 
-A path is data (a frozen spec) with the method `at(t)`. To add a path kind, write a file with a class derived from
-`ReferencePath`, or from `Timed` (`profile.py`) for a speed computed from limits. Add its name to the union `Path` in
-`paths/__init__.py`.
+A path is a frozen configuration object with the method `at(t)`. To add a path kind, write a file with a class derived
+from `ReferencePath`, or from `Timed` (`profile.py`) for a speed computed from limits. Add its name to the union `Path`
+in `paths/__init__.py`.
 
 Requirements:
 
@@ -25,7 +25,7 @@ from agrobot_mj.core.signals import TICK_S, Array, Reference
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.paths.arc import Place, Speed
 
-MAX_SAMPLES = 1000  # Maximum number of samples of an outline [-], which are computed in a few milliseconds
+MAX_SAMPLES = 1000  # Maximum number of samples of an outline [-], computed in a few milliseconds
 
 
 class PathOutline(NamedTuple):
@@ -40,7 +40,7 @@ class PathOutline(NamedTuple):
 
 
 def reference_at(path: "ReferencePath", t: float) -> Reference:
-    """Return the reference state of a path at time `t` [s]. Raise an error if the state is not a finite `Reference`."""
+    """Return the reference state of a path at time `t` [s]. Raise an error unless it is a finite `Reference`."""
     kind = getattr(path, "kind", "")
     found = check_type(path.at(t), Reference, "the path", kind, "at")
     try:
@@ -54,8 +54,8 @@ def reference_at(path: "ReferencePath", t: float) -> Reference:
 
 
 def start_of(path: "ReferencePath") -> Reference:
-    """Return the initial pose of the tractor: the path start shifted by `start_offset_m` and rotated by
-    `start_heading_deg`."""
+    """Return the reference state at the start, shifted by `start_offset_m` and rotated by `start_heading_deg` to the
+    initial pose of the tractor."""
     r, turned = _planned(path, 0.0), radians(path.start_heading_deg)
     if not path.start_offset_m and not turned:
         return r
@@ -71,14 +71,14 @@ def _planned(path: "ReferencePath", t: float) -> Reference:
 
 
 class ReferencePath(Spec):
-    """Base class of the paths; subclasses define `duration_s`, `max_curvature`, `sharpest` and `at`."""
+    """Base class of reference paths; subclasses define `duration_s`, `max_curvature`, `sharpest` and `at`."""
 
     ends: ClassVar[bool] = False
-    """Whether a run ends at the end of the path. If not, the path continues, for example with another lap."""
+    """Whether a run ends at the end of the path. If false, the path continues, for example with another lap."""
 
     kind: str
     radius_key: ClassVar[str] = ""
-    """Name of the key that sets the bend radius, or an empty string if there is no such key."""
+    """Name of the configuration key that sets the bend radius, or an empty string if there is no such key."""
     speed_m_s: Speed = 1.2
     """Maximum speed of the reference [m/s]. Assumed value (range 1-1.5), which gives the paper's 120 s per lap."""
 
@@ -102,17 +102,17 @@ class ReferencePath(Spec):
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
-        """Start and end times of each lap [s], for metrics per lap. Default: the complete path as one lap."""
+        """Start and end times of each lap [s], for metrics per lap. By default the complete path is one lap."""
         return ((0.0, self.duration_s),)
 
     @property
     def max_curvature(self) -> float:
-        """Maximum absolute curvature [1/m]."""
+        """Maximum absolute curvature of the path [1/m]."""
         raise NotImplementedError
 
     @property
     def sharpest(self) -> Place:
-        """First point of maximum curvature on the path."""
+        """First point of maximum absolute curvature on the path."""
         raise NotImplementedError
 
     def at(self, t: float) -> Reference:
@@ -120,7 +120,7 @@ class ReferencePath(Spec):
         raise NotImplementedError
 
     def outline(self) -> PathOutline:
-        """Return samples of the first lap: one per tick, but at most MAX_SAMPLES."""
+        """Return samples of the first lap of the path: one per tick, but at most MAX_SAMPLES."""
         end = self.turns_s[0][1]
         times = np.linspace(0.0, end, min(max(ceil(end / TICK_S), 1), MAX_SAMPLES) + 1)
         found = np.array([_planned(self, t) for t in times.tolist()])

@@ -42,22 +42,22 @@ class Circle(Transitions, ReferencePath):
 
     @property
     def duration_s(self) -> float:
-        """Duration of all laps [s]."""
+        """Time from the start to the end of the last lap [s]."""
         return self.turns_s[-1][1]
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
-        """Start and end times of each lap [s]."""
+        """Start and end times of each lap [s]; the first lap starts after the clothoid."""
         return turns(self.turn_s, self.turns, self.ramp_s, _lead_in(self) / self.speed_m_s)
 
     @property
     def max_curvature(self) -> float:
-        """Maximum absolute curvature [1/m]."""
+        """Absolute curvature of the circle [1/m], which is the maximum of the path."""
         return 1 / self.radius_m
 
     @property
     def sharpest(self) -> Place:
-        """First point of maximum curvature: the start of the circle."""
+        """First point of maximum curvature: the start of the circle, after the clothoid."""
         return Place(0.0, 0.0, _lead_in(self))
 
     def at(self, t: float) -> Reference:
@@ -75,5 +75,5 @@ class Circle(Transitions, ReferencePath):
 
 @lru_cache(maxsize=16)
 def _lead_in(circle: Circle) -> float:
-    """Return the length of the clothoid before the first lap [m]."""
+    """Return the length of the clothoid before the first lap [m], or 0 without a clothoid."""
     return 1 / (circle.radius_m * circle.sharpness(circle.speed_m_s))

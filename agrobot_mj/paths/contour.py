@@ -21,6 +21,6 @@ class Contour(Parallel):
 
     @property
     def orientation(self) -> tuple[float, float]:
-        """Direction of the first pass [rad], and the side on which the other passes lie: 1 for left, -1 for right."""
+        """Direction of the first pass [rad], and the side of the other passes: 1 for left, -1 for right."""
         side = 1.0 if self.first_uphill == "left" else -1.0
         return radians(self.uphill_deg) - side * pi / 2, side

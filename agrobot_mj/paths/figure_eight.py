@@ -44,7 +44,7 @@ class _Piece(NamedTuple):
 
 @lru_cache(maxsize=16)
 def _pieces(radius: float, straight: float, sharpness: float) -> tuple[tuple[_Piece, ...], float]:
-    """Return the segments of one lap, last segment first, and the length of the lap [m]."""
+    """Return the segments of one lap in reverse order (last segment first), and the length of the lap [m]."""
     half, crossing = straight / 2, atan(radius / (straight / 2))
     right, left = [Piece(arc := radius * (2 * pi - 2 * atan(half / radius)), -1 / radius)], [Piece(arc, 1 / radius)]
     if not isinf(sharpness):
@@ -62,14 +62,14 @@ def _pieces(radius: float, straight: float, sharpness: float) -> tuple[tuple[_Pi
 
 @shared
 def _driven(t: float, ramp: float, speed: float, run_in: float, length: float) -> tuple[float, float]:
-    """Return the distance from the start of the current lap [m] and the speed [m/s] at time `t` [s]."""
+    """Return the distance from the start of the current lap [m] and the reference speed [m/s] at time `t` [s]."""
     moved, fraction = progress(t, ramp)
     return (speed * moved - run_in) % length, fraction * speed
 
 
 @shared
 def _on_piece(piece: _Piece, distance: float, speed: float) -> Reference:
-    """Return the reference state on a segment, at the `distance` [m] from the start of the lap."""
+    """Return the reference state on a segment of the lap, at the `distance` [m] from the start of the lap."""
     start, sharpness = Pose(piece.x, piece.y, piece.yaw), piece.sharpness
     return reference_along(start, piece.curvature, sharpness, distance - piece.start, speed, sharpness)
 
@@ -126,17 +126,17 @@ class FigureEight(Transitions, ReferencePath):
 
     @property
     def duration_s(self) -> float:
-        """Duration of the run-in and all laps [s]."""
+        """Time from the start to the end of the last lap, including the run-in [s]."""
         return self.turns_s[-1][1]
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
-        """Start and end times of each lap [s]."""
+        """Start and end times of each lap [s]; the first lap starts after the run-in."""
         return turns(self.turn_s, self.turns, self.ramp_s, self.run_in_m / self.speed_m_s)
 
     @property
     def max_curvature(self) -> float:
-        """Maximum absolute curvature [1/m]."""
+        """Absolute curvature of the arcs [1/m], which is the maximum of the path."""
         return 1 / self.radius_m
 
     @property

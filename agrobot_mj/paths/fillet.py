@@ -20,14 +20,14 @@ from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.track import STEP_M, Course, Piece, chain
 from agrobot_mj.paths.transition import Bend, Transitions, bend
 
-ARC_FRACTION = 0.8  # Maximum fraction of a corner's space used by the arc [-]; the clothoids use the remainder
+ARC_FRACTION = 0.8  # Maximum fraction of the space of a corner that the arc uses [-]; the clothoids use the remainder
 MIN_ANGLE = 1e-9  # Minimum angle of a corner; smaller angles are ignored [rad]
 MAX_ANGLE = pi - 0.02  # Maximum angle of a corner; larger angles are reversals [rad]
 MAX_SHARPNESS = 1e6  # Maximum sharpness of a clothoid: the curvature is then practically a step [1/m2]
 
 
 class Rounding(NamedTuple):
-    """Parameters for rounding corners."""
+    """Parameters for rounding the corners of a polyline."""
 
     radius: float  # Radius of corners with a large angle [m]
     tolerance: float  # Distance between a waypoint and its arc up to which the arc is widened beyond `radius` [m]
@@ -37,20 +37,20 @@ class Rounding(NamedTuple):
 
 
 class Corner(NamedTuple):
-    """Bend that replaces a corner of a polyline, with its maximum speed."""
+    """Bend that replaces a corner of a polyline, with the maximum speed [m/s] in the bend."""
 
     bend: Bend
-    left: float  # Direction of the corner: 1 left, -1 right
+    left: float  # Direction of the turn at the corner: 1 left, -1 right
     speed: float
 
     @property
     def pieces(self) -> list[Piece]:
-        """Segments of the bend."""
+        """Course segments of the bend."""
         return self.bend.pieces(self.left, self.speed)
 
 
 def rounded(points: Array, closed: bool, how: Rounding) -> Course:
-    """Return one lap along the polyline `points` with rounded corners.
+    """Return the course of one lap along the polyline `points` with rounded corners.
 
     `points` has shape (n, 2) or (n, 3): x, y [m] and optionally the maximum speed [m/s].
     """

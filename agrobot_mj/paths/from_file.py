@@ -1,4 +1,4 @@
-"""Base class of the paths that are read from a file."""
+"""Base class of the paths whose course is read from a file."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
@@ -12,10 +12,10 @@ Content = TypeVar("Content")
 
 
 class FromFile(Timed):
-    """Base class of the paths along lines read from a file; subclasses define `file`, `max_bytes` and `course`."""
+    """Base class of paths along lines that are read from a file; subclasses define `file`, `max_bytes` and `course`."""
 
     reads_file: ClassVar[bool] = True
-    """Whether the path reads a file, which is always true."""
+    """Whether the path reads a file: always true for this class."""
     suffixes: ClassVar[tuple[str, ...]] = ()
     """Accepted extensions of the file name, or an empty tuple for any extension."""
     max_bytes: ClassVar[int]
@@ -27,7 +27,7 @@ class FromFile(Timed):
     """Stamp (path, times of change and size) of the file from which the course was built."""
 
     def model_post_init(self, context: Any, /) -> None:
-        """Record the path, size and times of change of the file, without reading its content.
+        """Record the path, size and change times of the file, without reading its content.
 
         Two paths with identical scenario keys therefore compare unequal if the file has changed in between.
         """

@@ -29,7 +29,7 @@ ORIGIN = Pose(0.0, 0.0, 0.0)
 
 
 def half_turn_width(radius: float, sharpness: float) -> float:
-    """Return the distance between two passes that are joined by a single bend through 180 degrees [m]."""
+    """Return the distance [m] between two passes that a single bend through 180 degrees joins."""
     return 2 * bend(pi, radius, sharpness).centre[1]
 
 
@@ -51,7 +51,7 @@ def headland_turn(left: float, shape: str, radius: float, sharpness: float, spee
 
 
 def _half_turn(away: float, radius: float, sharpness: float) -> Bend:
-    """Return a bend through 180 degrees between passes `away` metres apart, with a radius of at least `radius` [m]."""
+    """Return a 180 degree bend between passes at a distance of `away` [m], with a radius of at least `radius` [m]."""
     if half_turn_width(radius, sharpness) >= away:
         return bend(pi, radius, sharpness)
     wide = root(lambda r: half_turn_width(r, sharpness) - away, radius, away, xtol=1e-12)
@@ -59,8 +59,8 @@ def _half_turn(away: float, radius: float, sharpness: float) -> Bend:
 
 
 def _three(angle: float, left: float, shape: str, radius: float, sharpness: float, speed: float) -> list[Piece]:
-    """Return the three bends of an omega turn with the flare `angle`, or of a k turn with the first angle `angle`
-    [rad]."""
+    """Return the segments of the three bends of an omega turn with the flare `angle` [rad], or of a k turn with the
+    first angle `angle` [rad]."""
     outer = bend(angle, radius, sharpness)
     if shape == "k":
         middle = bend(pi - 2 * angle, radius, sharpness).pieces(-left, speed, -1.0)
@@ -70,7 +70,7 @@ def _three(angle: float, left: float, shape: str, radius: float, sharpness: floa
 
 
 def _angle(away: float, shape: str, radius: float, sharpness: float) -> float:
-    """Return the flare of an omega turn, or the first angle of a k turn, between passes `away` metres apart [rad]."""
+    """Return the flare of an omega turn or the first angle of a k turn [rad] between passes `away` metres apart."""
     if isinf(sharpness):
         ratio = away / (2 * radius)
         return acos((1 - ratio) / 2) if shape == "k" else acos((1 + ratio) / 2)

@@ -41,7 +41,7 @@ class LaneChange(Timed):
     """North coordinate of the start [m]."""
 
     def course(self) -> Course:
-        """Return the course along all straights and lane changes."""
+        """Return the course of the path along all straights and lane changes."""
         changes = 2 if self.double else 1
         end = changes * (self.straight_m + self.change_m) + self.straight_m
         count = max(samples(end + changes * abs(self.offset_m)), int(64 * min(end / self.change_m, 1e4)))
@@ -53,6 +53,6 @@ class LaneChange(Timed):
         return placed((self.start_x_m, self.start_y_m, radians(self.heading_deg)), x, y, slope)
 
     def _change(self, x: Array) -> tuple[Array, Array]:
-        """Return the lateral offset [m] and the slope [-] of the path at `x` [m] from the start of a lane change."""
+        """Return the lateral offset [m] and the slope [-] of a lane change at the distances `x` [m] from its start."""
         u = np.clip(x / self.change_m, 0.0, 1.0)
         return self.offset_m * u**3 * (10 - 15 * u + 6 * u**2), self.offset_m * 30 * u**2 * (1 - u) ** 2 / self.change_m

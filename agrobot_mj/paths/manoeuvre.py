@@ -32,30 +32,30 @@ class CoursePiece(Spec):
     """Maximum speed on the segment [m/s]. Default: the speed of the path."""
 
     def shape(self) -> tuple[float, float, float]:
-        """Return the length [m], the initial curvature [1/m] and the change of curvature per metre travelled [1/m2]."""
+        """Return length [m], initial curvature [1/m] and change of curvature per metre [1/m2] of the segment."""
         raise NotImplementedError
 
     def piece(self, speed: float) -> Piece:
-        """Return the course segment. `speed` [m/s] is the maximum speed of a segment without `speed_m_s`."""
+        """Return the course segment. `speed` [m/s] is the maximum speed if the segment has no key `speed_m_s`."""
         length, curvature, sharpness = self.shape()
         allowed = speed if self.speed_m_s is None else self.speed_m_s
         return Piece(length, curvature, allowed, sharpness, -1.0 if self.reverse else 1.0)
 
 
 class StraightPiece(CoursePiece):
-    """Straight segment."""
+    """Straight segment of a manoeuvre."""
 
     kind: Literal["straight"] = "straight"
     length_m: Positive
     """Length of the straight [m]."""
 
     def shape(self) -> tuple[float, float, float]:
-        """Return the length of the straight, zero curvature and zero change of curvature."""
+        """Return the length of the straight [m], zero curvature and zero change of curvature."""
         return self.length_m, 0.0, 0.0
 
 
 class ArcPiece(CoursePiece):
-    """Circular arc segment."""
+    """Segment of a manoeuvre that is a circular arc."""
 
     kind: Literal["arc"] = "arc"
     radius_m: Positive
@@ -66,13 +66,13 @@ class ArcPiece(CoursePiece):
     """Direction in which the wheels are turned, which is the side of the arc's centre."""
 
     def shape(self) -> tuple[float, float, float]:
-        """Return the length and curvature of the arc, and zero change of curvature."""
+        """Return the length [m] and the curvature [1/m] of the arc, and zero change of curvature."""
         curvature = (1.0 if self.side == "left" else -1.0) / self.radius_m
         return self.radius_m * radians(self.angle_deg), curvature, 0.0
 
 
 class ClothoidPiece(CoursePiece):
-    """Segment whose curvature changes linearly with the distance."""
+    """Segment of a manoeuvre whose curvature changes linearly with the distance."""
 
     kind: Literal["clothoid"] = "clothoid"
     length_m: Positive
@@ -83,7 +83,7 @@ class ClothoidPiece(CoursePiece):
     """Curvature at the end of the clothoid [1/m], positive to the left."""
 
     def shape(self) -> tuple[float, float, float]:
-        """Return the length, initial curvature and change of curvature per metre of the clothoid."""
+        """Return length [m], initial curvature [1/m] and change of curvature per metre [1/m2] of the clothoid."""
         return self.length_m, self.from_per_m, (self.to_per_m - self.from_per_m) / self.length_m
 
 
@@ -118,6 +118,6 @@ class Manoeuvre(Timed):
     """North coordinate of the start [m]."""
 
     def course(self) -> Course:
-        """Return the course through all segments."""
+        """Return the course of the path through all segments."""
         start = Pose(self.start_x_m, self.start_y_m, radians(self.heading_deg))
         return chain(start, (piece.piece(self.speed_m_s) for piece in self.piece), self.cusp_pause_s)

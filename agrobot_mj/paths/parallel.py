@@ -2,7 +2,8 @@
 
 A subclass of `Parallel` defines the direction of the first pass and the side of the other passes. `headland.py` defines
 the turns `u`, `omega` and `k`. With `u` turns, passes closer than the turn width are skipped and worked later. The
-tractor then advances by n passes and returns by n + 1, in blocks of 2 n + 1; n is turn width / swath, rounded up.
+tractor then advances by n passes and returns by n + 1, in blocks of 2 n + 1 passes. The number n is the turn width
+divided by the swath width, rounded up.
 
 The field ends at the ends of the passes; the turns are outside. After the last pass the tractor continues straight.
 `passes_s` contains the time interval of each pass without its first `run_in_m` metres, where errors of the turn decay.
@@ -23,7 +24,7 @@ from agrobot_mj.paths.track import Course, Piece, chain
 from agrobot_mj.paths.transition import Transitions
 
 Count = Annotated[int, Field(ge=1, le=1000)]
-LEAVE_M = 5.0  # Straight distance after the last pass [m], which lets a tractor behind its reference complete the pass
+LEAVE_M = 5.0  # Straight distance after the last pass [m], in which a tractor behind its reference completes the pass
 Coordinate = Annotated[float, Field(ge=-HUGE, le=HUGE)]
 
 
@@ -61,12 +62,12 @@ class Parallel(Transitions, Timed):
 
     @property
     def orientation(self) -> tuple[float, float]:
-        """Direction of the first pass [rad], and the side on which the other passes lie: 1 for left, -1 for right."""
+        """Direction of the first pass [rad], and the side of the other passes: 1 for left, -1 for right."""
         raise NotImplementedError
 
     @property
     def order(self) -> tuple[int, ...]:
-        """Pass numbers in the order of travel; passes are numbered across the field from the first pass."""
+        """Pass numbers in the order of travel. Passes are numbered across the field, from 0 for the first pass."""
         width = half_turn_width(self.turn_radius_m, self.sharpness(self.turn_speed_m_s))
         across = ceil(width / self.swath_m - 1e-9)
         if self.turn != "u" or across <= 1:
@@ -89,7 +90,7 @@ class Parallel(Transitions, Timed):
         return tuple(ends)
 
     def course(self) -> Course:
-        """Return the course along all passes and turns."""
+        """Return the course of the path along all passes and turns."""
         if self.run_in_m > self.length_m / 2:
             raise ValueError(f"run_in_m: must be at most half of length_m ({self.length_m / 2:g} m)")
         start = Pose(self.start_x_m, self.start_y_m, self.orientation[0])
@@ -110,8 +111,8 @@ class Parallel(Transitions, Timed):
 def skipping(count: int, across: int) -> Iterator[int]:
     """Yield `count` pass numbers in an order with steps of at least `across`; `count` is at least 2 `across` + 1.
 
-    Within a block of 2 `across` + 1 passes, the order advances by `across` or returns by `across` + 1. The remaining
-    passes alternate between two halves.
+    Within a block of 2 `across` + 1 passes, the order advances by `across` or returns by `across` + 1. The last passes,
+    which do not fill a block, alternate between two halves.
     """
     block, first = 2 * across + 1, 0
     while first < count:

@@ -1,9 +1,9 @@
 """Speed profile of a course: the maximum speed within all limits after a start from rest, and the reference state.
 
 The limits are `speed_m_s` of the path, the maximum speed of each segment, the lateral acceleration v^2 kappa and the
-acceleration along the path. The speed is zero at cusps. Between two joints the squared speed is linear in the distance,
-so that the position is the exact integral of the velocity. The reference rests at the start before time 0. After the
-end, it continues straight at its last speed.
+acceleration along the path. The speed is zero at cusps. Between two joints (segment ends) the squared speed is linear
+in the distance, so that the position is the exact integral of the velocity. The reference rests at the start before
+time 0. After the end, it continues straight at its last speed.
 """
 
 from bisect import bisect_right
@@ -43,23 +43,23 @@ def fastest(lengths: Array, limits: Array, acceleration: float, stops: Mask | No
 
 
 class _Joint(NamedTuple):
-    """Start of a segment of a course with prescribed speeds, or the end of the course."""
+    """Start of a segment of a timed course, or the end of the course, with the motion of the reference."""
 
-    t: float  # Time at which the reference passes the joint [s]
+    t: float  # Time at which the reference passes the start of the segment [s]
     x: float  # East coordinate [m]
     y: float  # North coordinate [m]
     yaw: float  # Heading [rad], not wrapped
     curvature: float  # Curvature at the start of the segment [1/m]
     sharpness: float  # Change of curvature per metre travelled on the segment [1/m2]
-    trend: float  # Change of curvature per metre of the exact curve [1/m2]
+    trend: float  # Change of curvature per metre [1/m2] of the curve that the segment approximates
     direction: float  # Direction of travel: 1 forward, -1 reverse [-]
-    speed: float  # Absolute speed at the joint [m/s]
+    speed: float  # Absolute speed at the start of the segment [m/s]
     gain: float  # Acceleration on the segment [m/s2]
 
 
 @shared
 def _passed(joint: _Joint, t: float) -> Reference:
-    """Return the reference state at time `t` [s] on the segment that starts at `joint`."""
+    """Return the reference state at time `t` [s] on the segment of a course that starts at `joint`."""
     dt, direction = t - joint.t, joint.direction
     driven, speed = dt * (joint.speed + joint.gain * dt / 2), direction * (joint.speed + joint.gain * dt)
     start, sharpness = Pose(joint.x, joint.y, joint.yaw), direction * joint.sharpness
@@ -77,7 +77,7 @@ def _references(joints: Matrix, times: Vector) -> Matrix:
 
 
 class TimedCourse:
-    """Course with the times at which the reference passes the joints of its segments."""
+    """Course with the times at which the reference passes the ends of the segments."""
 
     def __init__(self, course: Course, speed: float, lateral: float, acceleration: float) -> None:
         course = course.divided()
@@ -105,7 +105,7 @@ class TimedCourse:
 
     @cached_property
     def max_curvature(self) -> float:
-        """Maximum absolute curvature [1/m]."""
+        """Maximum absolute curvature of the course [1/m]."""
         return float(self.course.peaks.max())
 
     @cached_property
@@ -120,7 +120,7 @@ class TimedCourse:
         return self._starts[k] + 2 * offset / max(v + sqrt(max(v * v + 2 * a * offset, 0.0)), 1e-12)
 
     def outline(self) -> PathOutline:
-        """Return path samples at both ends of each segment."""
+        """Return samples of the course at both ends of each segment."""
 
         def ends(first: Array, last: Array) -> Array:
             return np.stack((first, last), 1).ravel()
@@ -130,7 +130,7 @@ class TimedCourse:
         return PathOutline(t, east, north, ends(self.course.curvatures, self.course.ends), speed)
 
     def at(self, t: float) -> Reference:
-        """Return the reference state at time `t` [s], also before the start and after the end."""
+        """Return the reference state at time `t` [s], at rest before the start and straight ahead after the end."""
         if t <= 0.0:
             first = self._rows[0]
             return reference(Pose(first.x, first.y, first.yaw), first.curvature, 0.0)
@@ -138,7 +138,7 @@ class TimedCourse:
 
 
 class Timed(ReferencePath):
-    """Base class of the paths whose speed is computed from limits; subclasses define `course`."""
+    """Base class of paths whose speed is computed from speed and acceleration limits; subclasses define `course`."""
 
     speed_m_s: Speed = 1.2
     """Maximum speed of the reference [m/s]. Assumed value, as for the paper's figure-eight."""
@@ -162,12 +162,12 @@ class Timed(ReferencePath):
         checked_length(float(self.course().lengths.sum()))
 
     def course(self) -> Course:
-        """Return the path geometry without its timing. Raise ValueError if the keys do not define a path."""
+        """Return the geometry of the path without times. Raise ValueError if the keys do not define a path."""
         raise NotImplementedError
 
     @property
     def motion(self) -> TimedCourse:
-        """Course with the times at which the reference passes its joints (cached)."""
+        """Course with the times at which the reference passes the ends of the segments (cached)."""
         return _motion(self)
 
     @property
@@ -177,16 +177,16 @@ class Timed(ReferencePath):
 
     @property
     def max_curvature(self) -> float:
-        """Maximum absolute curvature [1/m]."""
+        """Maximum absolute curvature of the path [1/m]."""
         return self.motion.max_curvature
 
     @property
     def sharpest(self) -> Place:
-        """First point of maximum curvature."""
+        """First point of maximum absolute curvature on the path."""
         return self.motion.sharpest
 
     def outline(self) -> PathOutline:
-        """Return path samples at both ends of each segment."""
+        """Return samples of the path at both ends of each segment."""
         return self.motion.outline()
 
     def at(self, t: float) -> Reference:

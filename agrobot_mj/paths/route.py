@@ -1,4 +1,4 @@
-"""Nearest point of a path and the path ahead of it, for guidance laws and metrics.
+"""Nearest point of a path, and points and curvatures of the path at given distances, for guidance laws and metrics.
 
 A path is a function of time. `SampledRoute` samples the path every STEP_M along its length, as far as queries require.
 The nearest point is searched for in a window around a given arc length, usually the previous result. The search thus
@@ -43,7 +43,7 @@ BEYOND_S = 3600.0  # Time after the end of the path up to which samples are adde
 
 LAP_GRID_M, MIN_LAP_M = 0.05, 10.0  # Grid spacing for comparing headings, and minimum lap length [m]
 MAX_DIFFERENCE = 0.01
-"""Maximum heading difference of two laps (1 minus the mean cosine), relative to the maximum over all lap lengths [-].
+"""Maximum heading difference of two laps (1 minus the mean cosine), divided by the maximum over all lap lengths [-].
 Assumed value, which excludes the exit from the field after the last pass."""
 MIN_TURN = 0.8  # Minimum heading change of a path with laps [rad]. Assumed value (45 deg).
 
@@ -57,7 +57,7 @@ _samples_at, _search, _nearest, _ahead, _curvatures = (
 
 
 class SampledRoute:
-    """Path with cached samples for fast queries by arc length or position."""
+    """Reference path with cached samples, for fast queries by arc length or position."""
 
     def __init__(self, path: ReferencePath) -> None:
         self.path = path
@@ -71,8 +71,8 @@ class SampledRoute:
         return reference_at(self.path, t)
 
     def leg(self, t: float) -> tuple[float, float]:
-        """Return the arc lengths [m] at the start and end of the leg, between two cusps, on which the reference travels
-        at time `t` [s]."""
+        """Return the arc lengths [m] at both ends of the leg, between two cusps, on which the reference travels at time
+        `t` [s]. The end is infinity if no later cusp is known."""
         if self._until < t + CHUNK_S:
             self._grow(until=t + CHUNK_S)
         k = max(bisect_right(self._leg_times, t) - 1, 0)
@@ -80,7 +80,7 @@ class SampledRoute:
 
     def nearest(self, x: float, y: float, near: float, t: float) -> PathPoint:
         """Return the path point nearest to (x, y) [m], within a search range around the arc length `near` [m] on the
-        leg travelled at `t` [s]."""
+        leg that the reference travels at time `t` [s]."""
         low, high = self.leg(t)
         return _nearest(self.around(max(near, low)), x, y, near, low, high)
 
@@ -91,10 +91,11 @@ class SampledRoute:
         return self._samples
 
     def sampled(self, t: float, s: float) -> tuple[Matrix, Matrix, float]:
-        """Sample the path up to time `t` [s] and arc length `s` [m].
+        """Sample the path up to time `t` [s] and arc length `s` [m], and return the samples, the legs and the sampled
+        length.
 
-        Return the samples, the start time [s] and start arc length [m] of each leg with shape (legs, 2), and the arc
-        length of the last sample [m]. The last value is infinity if the path ends before `s`.
+        The legs are an array of their start times [s] and start arc lengths [m] with shape (legs, 2). The sampled
+        length is the arc length of the last sample [m], or infinity if the path ends before `s`.
         """
         self._grow(until=t + CHUNK_S, beyond=s)
         legs = np.column_stack((self._leg_times, self._leg_starts))
@@ -105,25 +106,25 @@ class SampledRoute:
         return self._end < s + STEP_M and self._grow(beyond=s + STEP_M)
 
     def search(self, x: float, y: float, near: float, t: float) -> tuple[int, bool]:
-        """Return the index of the sample nearest to (x, y) [m], and whether the sample is inside the search range."""
+        """Return the index of the sample nearest to (x, y) [m], and whether it is inside the search range."""
         low, high = self.leg(t)
         near = min(max(near, low), high)
         self._grow(beyond=near + WINDOW_M)
         return _search(self._samples, x, y, near, low, high, WINDOW_M)
 
     def number_at(self, t: float) -> int:
-        """Return the index of the last sample passed by the reference at time `t` [s]."""
+        """Return the index of the last sample that the reference has passed at time `t` [s]."""
         self._grow(until=t)
         return max(int(np.searchsorted(self._samples[:, T], t, "right")) - 1, 0)
 
     def passed(self, t: float) -> float:
-        """Return the arc length [m] of the last sample passed by the reference at time `t` [s]."""
+        """Return the arc length [m] of the last sample that the reference has passed at time `t` [s]."""
         k = self.number_at(t)
         return float(self.distances[k])
 
     def lap(self) -> float:
-        """Return the lap length [m], the distance after which the path heading repeats, or the path length if it never
-        repeats."""
+        """Return the lap length [m], after which the headings of the path repeat, or the path length if they never
+        repeat."""
         if self._lap is None:
             self._grow(until=self.path.duration_s)
             known = self._samples[: max(self.number_at(self.path.duration_s) + 1, 2)]
@@ -145,8 +146,8 @@ class SampledRoute:
         return _ahead(self._samples, s)
 
     def curvatures(self, distances: Sequence[float] | Vector) -> Vector:
-        """Return the curvatures [1/m] at the arc lengths `distances` [m], positive to the left, shape (n,); 0 at
-        negative distances."""
+        """Return the curvatures [1/m] at the arc lengths `distances` [m], shape (n,), positive to the left; 0 for
+        negative arc lengths."""
         distances = np.asarray(distances, dtype=float)
         found, most = _curvatures(self._samples, distances)
         if self.grows(most):
@@ -189,7 +190,7 @@ class SampledRoute:
             self._keep(kept)
 
     def _keep(self, new: Array) -> None:
-        """Append samples to a buffer, whose capacity doubles when the buffer is full."""
+        """Append samples to the array of samples, whose capacity doubles when it is full."""
         count, end = len(self._samples), len(self._samples) + len(new)
         if end > len(self._buffer):
             self._buffer = np.empty((2 * end, WIDTH))  # unwritten parts use no memory
@@ -200,10 +201,11 @@ class SampledRoute:
 
 
 def references_at(path: ReferencePath, times: Vector) -> Matrix:
-    """Return the references of a path at increasing positive `times` (n,) [s], shape (n, 7), as rows of `Reference`.
+    """Return the reference states of a path at increasing positive `times` (n,) [s], shape (n, 7), as rows of
+    `Reference`.
 
-    A path class may define its method `at` again as `_references_at`. Subclasses with their own `at` are called per
-    time, and so are paths with non-finite numbers, whose error names the path and the time.
+    If the class that defines `at` also defines `_references_at`, one call computes all times. Other paths, and paths
+    with non-finite numbers, are evaluated time by time.
     """
     owner = next(kind for kind in type(path).__mro__ if "at" in vars(kind))
     compiled = vars(owner).get("_references_at")

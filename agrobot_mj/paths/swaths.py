@@ -22,5 +22,5 @@ class Swaths(Parallel):
 
     @property
     def orientation(self) -> tuple[float, float]:
-        """Direction of the first pass [rad], and the side on which the other passes lie: 1 for left, -1 for right."""
+        """Direction of the first pass [rad], and the side of the other passes: 1 for left, -1 for right."""
         return radians(self.heading_deg), 1.0 if self.first_turn == "left" else -1.0

@@ -17,7 +17,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.arc import Place, Pose
 
 STEP_M = 0.5  # Maximum length of a segment after division [m]
-PARTS_TO_A_STOP = 8  # Minimum number of parts of a segment next to a cusp [-], for acceleration and deceleration
+PARTS_TO_A_STOP = 8  # Minimum number of parts into which a segment next to a cusp is divided [-]
 CURVE_STEP_M = 0.1  # Spacing of the arcs that approximate a curve [m]
 MAX_LENGTH_M = 50e3  # Maximum length of a course [m]
 QUADRATURE = np.polynomial.legendre.leggauss(32)
@@ -29,7 +29,7 @@ Index = np.ndarray[tuple[int, ...], np.dtype[np.signedinteger]]
 
 
 class Piece(NamedTuple):
-    """Segment of a course: straight, arc or clothoid, or a pause between two segments."""
+    """Segment of a course: a straight, an arc or a clothoid, or a pause between two segments."""
 
     length: float  # Length of the segment [m], or 0 for a pause
     curvature: float = 0.0  # Curvature at the start of the segment [1/m]
@@ -40,7 +40,7 @@ class Piece(NamedTuple):
 
 
 class Course(NamedTuple):
-    """Chain of segments that begins at the pose `start`; the arrays have shape (segments,)."""
+    """Chain of path segments that begins at the pose `start`; the arrays have shape (segments,)."""
 
     start: Pose
     lengths: Array  # Length of each segment, 0 only for pauses [m]
@@ -50,7 +50,7 @@ class Course(NamedTuple):
     directions: Array  # Direction of travel of each segment: 1 forward, -1 reverse [-]
     pauses: Array  # Duration of the pause of each segment [s]
     trends: Array
-    """Change of curvature per metre of the exact curve on each segment [1/m2]; 0 for circular arcs."""
+    """Change of curvature per metre of the curve that the segments approximate [1/m2]; 0 for circular arcs."""
 
     @property
     def ends(self) -> Array:
@@ -60,7 +60,7 @@ class Course(NamedTuple):
 
     @property
     def peaks(self) -> Array:
-        """Maximum absolute curvature of each segment [1/m]."""
+        """Maximum absolute curvature on each segment [1/m]."""
         found: Array = np.maximum(np.abs(self.curvatures), np.abs(self.ends))
         return found
 
@@ -73,11 +73,11 @@ class Course(NamedTuple):
         return found
 
     def distances(self) -> Array:
-        """Return the arc length of each joint [m], including both ends, shape (segments + 1,)."""
+        """Return the arc length of each joint of segments and both ends [m], shape (segments + 1,)."""
         return np.concatenate(([0.0], np.cumsum(self.lengths)))
 
     def joints(self) -> tuple[Array, Array, Array]:
-        """Return x [m], y [m] and yaw [rad] of each joint, including both ends, each of shape (segments + 1,)."""
+        """Return x [m], y [m] and yaw [rad] of each joint of segments and both ends, of shape (segments + 1,)."""
         along = self.directions * self.lengths
         turned = along * (self.curvatures + self.sharpnesses * self.lengths / 2)
         yaw = self.start.yaw + np.concatenate(([0.0], np.cumsum(turned)))
@@ -101,7 +101,7 @@ class Course(NamedTuple):
         return np.abs(ends), np.angle(ends)
 
     def divided(self) -> "Course":
-        """Return the same course, divided into segments of at most STEP_M and into shorter segments next to cusps."""
+        """Return the same course, divided into segments of at most STEP_M, and into shorter segments next to cusps."""
         parts = np.maximum(np.ceil(self.lengths / STEP_M), 1).astype(int)
         stops = np.concatenate(([False], self.cusps, [False]))
         if stops.any():
@@ -129,7 +129,7 @@ class Course(NamedTuple):
 def chain(start: Pose, pieces: Iterable[Piece], pause: float = 0.0) -> Course:
     """Return the course of the segments `pieces` from the pose `start`, with a pause of `pause` [s] at each cusp.
 
-    Segments of zero length are omitted.
+    Segments of zero length are omitted. At a cusp the direction of travel changes.
     """
     kept = [piece for piece in pieces if piece.length > 1e-9]
     if pause > 0:
@@ -139,7 +139,7 @@ def chain(start: Pose, pieces: Iterable[Piece], pause: float = 0.0) -> Course:
 
 
 def _with_pauses(pieces: list[Piece], pause: float) -> Iterable[Piece]:
-    """Yield the segments with a pause between segments of opposite directions; a pause has the curvature of the next
+    """Yield the segments, with a pause between segments of opposite directions. A pause has the curvature of the next
     segment."""
     for piece, following in pairwise(pieces):
         yield piece
@@ -179,9 +179,9 @@ def through(x: Array, y: Array, yaw: Array, speeds: Array | float = inf) -> Cour
 
 
 def placed(start: tuple[float, float, float], x: Array, y: Array, slope: Array) -> Course:
-    """Return the course along the curve y(x), given by the arrays `x`, `y` and `slope` (dy/dx) of shape (n,).
+    """Return the course along a curve y(x), given by `x` [m], `y` [m] and `slope` (dy/dx) [-], each of shape (n,).
 
-    `start` is the pose (x [m], y [m], yaw [rad]) of the curve's coordinate frame.
+    `start` is the pose (x [m], y [m], yaw [rad]) of the coordinate frame of the curve.
     """
     x0, y0, yaw = start
     c, s = np.cos(yaw), np.sin(yaw)

@@ -1,6 +1,6 @@
 """Clothoid transitions: bends whose change of curvature is limited by the maximum steering rate.
 
-On a clothoid the curvature increases linearly with the distance, kappa = sharpness * s. At the speed v the steering
+On a clothoid the curvature increases linearly with the distance s, kappa = sharpness * s. At the speed v the steering
 angle delta = atan(L kappa) of a bicycle with wheelbase L then has the rate
 
   d(delta)/dt = L sharpness v / (1 + (L kappa)^2) <= L sharpness v.
@@ -22,7 +22,7 @@ SteerRate = Annotated[float, Field(ge=1, le=90)]
 
 
 class Transitions(Spec):
-    """Keys that define the clothoids at both ends of a bend."""
+    """Configuration keys of the clothoids at both ends of a bend."""
 
     sized: ClassVar = {"wheelbase_m": {"length": 1}}
 
@@ -48,7 +48,7 @@ class Transitions(Spec):
 
 
 class Bend(NamedTuple):
-    """Symmetric bend through an angle; coordinates are relative to the pose at its start."""
+    """Symmetric bend of a path; coordinates are relative to the pose at the start of the bend."""
 
     angle: float  # Change of heading along the bend [rad]
     radius: float  # Radius of the arc, or radius at the joint of the clothoids of a bend without arc [m]
@@ -57,17 +57,17 @@ class Bend(NamedTuple):
 
     @property
     def curvature(self) -> float:
-        """Maximum curvature of the bend [1/m]."""
+        """Maximum absolute curvature of the bend [1/m]."""
         return 1 / self.radius
 
     @property
     def clothoid(self) -> float:
-        """Length of each clothoid [m]."""
+        """Length of each clothoid [m], or 0 without clothoids."""
         return 0.0 if isinf(self.sharpness) else self.curvature / self.sharpness
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Centre of the arc: distances ahead of the start of the bend and towards the inside of the bend [m]."""
+        """Centre of the arc, as distances ahead of the bend's start and towards the inside of the bend [m]."""
         x, y, turned = spiral(self.clothoid, self.curvature)
         return x - sin(turned) * self.radius, y + cos(turned) * self.radius
 
@@ -78,7 +78,7 @@ class Bend(NamedTuple):
         return ahead + aside * sin(self.angle) / (1 + cos(self.angle))
 
     def pieces(self, left: float, speed: float = inf, direction: float = 1.0) -> list[Piece]:
-        """Return the segments of the bend.
+        """Return the course segments of the bend.
 
         The wheels are turned left for a positive `left`, otherwise right. `direction` is 1 forward, -1 in reverse.
         """
@@ -92,7 +92,7 @@ class Bend(NamedTuple):
 
 
 def bend(angle: float, radius: float, sharpness: float) -> Bend:
-    """Return a bend through `angle` [rad] with an arc of `radius` [m]; the radius is increased if the clothoids would
+    """Return a bend through `angle` [rad] with an arc of `radius` [m]. The radius is increased if the clothoids would
     exceed the angle."""
     if isinf(sharpness):
         return Bend(angle, radius, sharpness, radius * angle)
@@ -101,7 +101,7 @@ def bend(angle: float, radius: float, sharpness: float) -> Bend:
 
 
 def spiral(length: float, curvature: float) -> tuple[float, float, float]:
-    """Return the end point of a clothoid that starts with zero curvature: x ahead [m], y to the side [m], and heading
+    """Return the end of a clothoid that starts with zero curvature: x ahead [m], y to the side [m], and heading
     [rad]."""
     # Series of the Fresnel integrals: cos and sin of turned * (s / length)^2, integrated term by term.
     turned = curvature * length / 2

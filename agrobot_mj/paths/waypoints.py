@@ -46,7 +46,7 @@ MAX_ROWS = 20_000
 
 
 class Track(NamedTuple):
-    """Waypoints read from a file, with notes about changes to the data."""
+    """Waypoints read from a file, with notes about changes to the data in the file."""
 
     points: Array  # Waypoints, shape (n, 2) or (n, 3): x, y [m] and speed [m/s]
     notes: tuple[str, ...]  # Sentences about omitted columns, shapes and points, and about a shift of the coordinates
@@ -54,7 +54,7 @@ class Track(NamedTuple):
 
 @lru_cache(maxsize=8)
 def track(stamp: Stamp, crs: str, closed: bool) -> Track:
-    """Return at least three waypoints of a file, in metres. Raise ValueError if the file is invalid."""
+    """Return at least three waypoints of a file, in metres of a local plane. Raise ValueError for an invalid file."""
     file = Path(stamp[0])
     read = read_shapes(stamp[0], MAX_BYTES)
     try:
@@ -120,14 +120,14 @@ DENSE_M, FEWEST_POINTS = 1.0, 20
 TIGHTEST = 0.4
 """Minimum bend radius of a recorded track, divided by `corner_radius_m` [-]. Assumed value, near full steering lock."""
 WIDER, LEAST_M, MOST_M = 1.3, 0.005, 1.0
-"""Factor between successive smoothing distances in the spline search [-], and limits of the smoothing distance [m]."""
+"""Factor between successive smoothing distances in the search for a spline [-], and limits of this distance [m]."""
 THIRD_DIFFERENCE = 20.0 * np.log(2.0)
 """Ratio of the median squared third difference of positions with white noise to the mean squared noise [-]."""
 
 
 def smooth(points: Array, smoothing: float, closed: bool) -> Course:
-    """Return one lap along a smoothing spline of `points`, shape (n, 2 or 3); the rms deviation is at most `smoothing`
-    [m]."""
+    """Return the course of one lap along a smoothing spline of `points`, shape (n, 2 or 3), with an rms deviation of at
+    most `smoothing` [m]."""
     from scipy.interpolate import splev, splprep  # slow import (0.1 s), needed only by this function
 
     x, y = points[:, 0], points[:, 1]
@@ -145,14 +145,14 @@ def smooth(points: Array, smoothing: float, closed: bool) -> Course:
 
 
 def is_recorded(points: Array) -> bool:
-    """Return whether waypoints, shape (n, 2 or 3), are as dense as the points of a recorded track."""
+    """Return whether waypoints, shape (n, 2 or 3), are as many and as dense as the points of a recorded track."""
     if len(points) < FEWEST_POINTS:
         return False
     return float(np.median(np.hypot(*np.diff(points[:, :2], axis=0).T))) < DENSE_M
 
 
 def noise(points: Array) -> float:
-    """Return the rms position noise [m] of a recorded track, shape (n, 2 or 3)."""
+    """Return the rms position noise [m] of a recorded track with points of shape (n, 2 or 3)."""
     third = np.diff(points[:, :2], n=3, axis=0)
     return float(np.sqrt(np.median((third**2).sum(axis=1)) / THIRD_DIFFERENCE))
 
@@ -160,7 +160,7 @@ def noise(points: Array) -> float:
 def steerable(points: Array, closed: bool, radius: float) -> tuple[Course, float]:
     """Return the least smoothed spline that the tractor can follow on a recorded track, and its smoothing distance [m].
 
-    The smoothing distance starts at the position noise of the track; the search ends above MOST_M. The tractor can
+    The smoothing distance starts at the position noise of the track, and the search ends above MOST_M. The tractor can
     follow bends with a radius of at least TIGHTEST times `radius` [m].
     """
     amount = max(noise(points), LEAST_M)
@@ -209,7 +209,7 @@ class Waypoints(Transitions, FromFile):
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
-        """Start and end times of each lap [s]. An open path is one lap."""
+        """Start and end times of each lap [s]. An open path consists of one lap."""
         length, laps = float(self.motion.distances[-1]), self._laps
         times = [self.motion.time_at(k * length / laps) for k in range(laps)] + [self.duration_s]
         return tuple(pairwise(times))
@@ -219,7 +219,7 @@ class Waypoints(Transitions, FromFile):
         return self.laps if self.closed else 1
 
     def course(self) -> Course:
-        """Return the course along all laps. Raise ValueError if the file is invalid."""
+        """Return the course of the path along all laps. Raise ValueError if the file is invalid."""
         points = self.waypoints()
         checked_length(self._laps * float(np.hypot(*np.diff(points[:, :2], axis=0).T).sum()))
         lap = _lap(self)[0]
@@ -233,7 +233,7 @@ class Waypoints(Transitions, FromFile):
         return points
 
     def rounded(self, points: Array) -> Course:
-        """Return one lap through `points`, shape (n, 2 or 3), with straight legs and fillets."""
+        """Return the course of one lap through `points`, shape (n, 2 or 3), with straight legs and fillets."""
         rounding = Rounding(
             self.corner_radius_m, self.smoothing_m, self.speed_m_s, self.lateral_acceleration_m_s2, self
         )

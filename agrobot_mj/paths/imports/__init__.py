@@ -1,7 +1,7 @@
 """Import of positions: polylines and rings from files of other programs.
 
-`read_shapes` reads the shapes of a file in file coordinates. `local_shapes` converts them to a local plane in metres.
-`cleaned` removes points that a tractor cannot follow.
+`read_shapes` reads the shapes in a file, in file coordinates. `local_shapes` converts these shapes to a local plane in
+metres. `cleaned` removes points that a tractor cannot follow.
 """
 
 from agrobot_mj.paths.imports.cleaning import cleaned

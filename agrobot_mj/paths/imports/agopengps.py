@@ -24,8 +24,8 @@ HEADS = {
     "$Tram": "tram",
     "$RecPath": "recorded",
 }
-"""Role of the shapes in a file, by the first line of the file."""
-LINE_M = 1000.0  # Length of an AB line on each side of its points [m], as in exports of AgOpenGPS
+"""Role of the shapes in an AgOpenGPS file, keyed by the first line of the file."""
+LINE_M = 1000.0  # Length by which an AB line extends beyond each of its points [m], as in exports of AgOpenGPS
 AB_LINE, PIVOT = 2, 64  # Modes of tracks: straight line through two points, and circle
 WHOLE, DECIMALS = re.compile(r"[+-]?\d+"), re.compile(r"\d+(?:[eE][+-]?\d+)?")
 """Patterns of the integer part and the decimal part of a number with a decimal comma."""
@@ -53,14 +53,14 @@ class _Lines:
         return self.lines[self.at - 1]
 
     def count(self) -> int:
-        """Return the point count on the next line. Raise ValueError if the line is not an integer."""
+        """Return the count on the next line. Raise ValueError if the line is not an integer."""
         line = self.next()
         if not line.isdecimal():
             raise ValueError(f"line {self.at}: {line[:30]!r} is not a number of points; export the file again")
         return int(line)
 
     def numbers(self, count: int) -> list[float]:
-        """Return the first `count` numbers of the next line, written with decimal points or commas."""
+        """Return the first `count` numbers of the next line, with decimal points or commas, or raise ValueError."""
         line = self.next()
         found = comma_numbers(line, count)
         if len(found) < count or not np.isfinite(found).all():
@@ -99,8 +99,8 @@ def comma_numbers(line: str, count: int) -> list[float]:
 
 
 def read_agopengps(text: str) -> ShapeFile:
-    """Return the shapes in the text of one AgOpenGPS field file. Raise ValueError for damaged text or other file
-    types."""
+    """Return the shapes in the text of one AgOpenGPS field file. Raise ValueError for damaged text or another file
+    type."""
     lines = _Lines(text)
     while lines and lines.peek() not in HEADS:
         lines.next()
@@ -125,7 +125,7 @@ def _rings(lines: _Lines) -> Iterator[Polyline]:
 
 
 def _headlines(lines: _Lines) -> Iterator[Polyline]:
-    """Yield the headland lines of Headlines.txt with more than three points."""
+    """Yield the headland lines of a Headlines.txt that have more than three points."""
     while lines:
         name = lines.next()
         for _ in range(3):
@@ -175,7 +175,7 @@ def _recorded(lines: _Lines) -> Iterator[Polyline]:
 
 
 def read_origin(text: str) -> Origin | None:
-    """Return the geographic origin of the local plane from the text of Field.txt, or None if `StartFix` is missing."""
+    """Return the geographic origin in the text of a Field.txt, or None if the entry `StartFix` is missing."""
     lines = [line.strip() for line in text.splitlines()]
     if "StartFix" not in lines[:-1]:
         return None

@@ -11,10 +11,10 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.track import Index
 
 CLOSEST_M = 0.001  # Minimum distance between consecutive points [m]
-SHORT_M = 1.0  # Length of a leg below which turning back is noise [m]. Assumed value, shorter than any manoeuvre.
+SHORT_M = 1.0  # Length of a leg below which a reversal is noise [m]. Assumed value, shorter than any manoeuvre.
 THINNINGS_M = (0.05, 0.1, 0.2, 0.4, 0.8)
-"""Minimum point distances [m], tried in this order to thin a track with a standstill until it has no reversals."""
-BACK = np.cos(np.radians(100.0))  # Cosine of the change of direction, 100 degrees, above which a track turns back [-]
+"""Minimum point distances [m] for thinning a track, applied in this order until the track has no reversals."""
+BACK = np.cos(np.radians(100.0))  # Cosine of 100 degrees [-]; a track with a larger change of direction turns back
 OUTLYING = 3.0
 """Minimum distance of outliers from the median point, divided by the extent of the other points [-]. Assumed value."""
 MOST_OUTLIERS, FEWEST_POINTS = 3, 5
@@ -22,7 +22,7 @@ MOST_OUTLIERS, FEWEST_POINTS = 3, 5
 
 
 def cleaned(points: Array, closed: bool = False) -> tuple[Index, list[str]]:
-    """Return the indices of the kept points, shape (m,), and sentences about the removed points.
+    """Return the indices of the kept points, shape (m,), and sentences that describe the removed points.
 
     `points` has shape (n, 2) [m]. The last point of a closed track is joined to the first point.
     """
@@ -63,7 +63,7 @@ def outliers(points: Array) -> Index:
 
 
 def distinct(points: Array) -> Index:
-    """Return the indices of the points that are at least CLOSEST_M from the previously kept point."""
+    """Return the indices of the points at a distance of at least CLOSEST_M from the previously kept point."""
     steps = np.hypot(*np.diff(points, axis=0).T)
     if (steps >= CLOSEST_M).all():
         return np.arange(len(points))
@@ -71,7 +71,7 @@ def distinct(points: Array) -> Index:
 
 
 def thinned(points: Array, distance: float, closed: bool) -> Index:
-    """Return the indices of points that are at least `distance` [m] from the previously kept point.
+    """Return the indices of the points at a distance of at least `distance` [m] from the previously kept point.
 
     For an open track and a `distance` above CLOSEST_M, the last point of the track replaces the last kept point.
     """
@@ -89,7 +89,7 @@ def thinned(points: Array, distance: float, closed: bool) -> Index:
 
 
 def _turning_back(points: Array) -> Index:
-    """Return the indices of the points where the track reverses its direction next to a short leg."""
+    """Return the indices of the points next to a short leg at which the track reverses its direction."""
     legs = np.diff(points, axis=0)
     lengths = np.maximum(np.hypot(*legs.T), 1e-12)
     along = (legs[1:] * legs[:-1]).sum(axis=1) / (lengths[1:] * lengths[:-1])

@@ -12,7 +12,7 @@ from agrobot_mj.paths.imports.shapes import DEGREES, Polyline, ShapeFile
 
 NAME_KEYS = ("name", "Name", "NAME", "id", "title")
 LOCAL = {"type": "name", "properties": {"name": "local plane in metres"}}
-"""Value of the member `crs` in files with coordinates in metres east and north of an unknown origin."""
+"""Content of the member `crs` in files with coordinates in metres east and north of an unknown origin."""
 SCRIPT = re.compile(r"\s*(?:export\s+)?(?:var|let|const)\s+\w+\s*=\s*(?=[{\[])")
 """Pattern of the JavaScript assignment before GeoJSON data in a web map."""
 NUMBERS = ("speed", "speed_m_s", "working", "direction")
@@ -20,7 +20,7 @@ NUMBERS = ("speed", "speed_m_s", "working", "direction")
 
 
 def read_geojson(text: str) -> ShapeFile:
-    """Return the shapes in the text of a GeoJSON file. Raise ValueError for other content."""
+    """Return the shapes in the text of a GeoJSON file. Raise ValueError for text that is not GeoJSON."""
     try:
         content = json.loads(SCRIPT.sub("", text, count=1).rstrip().rstrip(";") if SCRIPT.match(text) else text)
     except (json.JSONDecodeError, RecursionError) as error:
@@ -56,7 +56,7 @@ def _id(feature: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _crs(content: Mapping[str, Any]) -> str:
-    """Return the coordinate system in the member `crs` of older GeoJSON files. Default: degrees."""
+    """Return the coordinate system from the member `crs`: an EPSG code, or "" for metres. Default: degrees."""
     if content.get("crs") == LOCAL:
         return ""
     named = str(_mapping(_mapping(content.get("crs")).get("properties")).get("name", ""))
@@ -65,7 +65,7 @@ def _crs(content: Mapping[str, Any]) -> str:
 
 
 def of_geometry(geometry: Any, properties: Mapping[str, Any]) -> Iterator[Polyline]:
-    """Yield the shapes of a GeoJSON geometry; `properties` are the properties of its feature."""
+    """Yield the shapes of a GeoJSON geometry; `properties` are the properties of the feature with this geometry."""
     kind, parts = _mapping(geometry).get("type"), _mapping(geometry).get("coordinates")
     name = next((str(properties[key]) for key in NAME_KEYS if properties.get(key)), "")
     role = str(properties.get("role", ""))

@@ -19,16 +19,16 @@ from agrobot_mj.paths.imports.shapes import DEGREES, LocalShapes, Polyline, Shap
 FAR_M = 2000.0
 """Distance from the origin above which coordinates belong to a map grid [m]. Assumed value, larger than a field."""
 OUTSIDE_DEG = 10.0
-"""Maximum latitude difference from the area of use of a coordinate system [deg]. Assumed value; coordinates in metres
-near their origin are about 40 deg outside the area of a grid in Europe."""
+"""Maximum latitude difference from the area of use of a coordinate system [deg]. Assumed value. Coordinates in metres
+near their origin appear about 40 deg outside the area of a grid in Europe."""
 LARGEST_M, SMALLEST_M = 100e3, 1.0
-"""Maximum extent of the points in a file [m], and minimum extent [m], below which coordinates are probably degrees."""
+"""Maximum and minimum extent of the points in a file [m]. Coordinates below the minimum are probably degrees."""
 
 
 def local_shapes(file: ShapeFile, crs: str = "", plane: LocalShapes | None = None) -> LocalShapes:
     """Return the shapes of a file in metres of a local plane.
 
-    `crs` replaces the coordinate system of the file. `plane` is the result for another file of the same field; its
+    `crs` replaces the coordinate system of the file. `plane` is the result for another file of the same field, whose
     local plane is reused. Raise ValueError if the coordinates do not match the coordinate system.
     """
     if not any(len(shape.points) for shape in file.shapes):
@@ -102,8 +102,8 @@ def _converter(crs: str) -> Callable[[Array], Array]:
 
 
 def _far(shapes: Iterable[Polyline]) -> tuple[float, float]:
-    """Return the offset [m] to subtract from coordinates far from their origin, or (0, 0) for coordinates near the
-    origin."""
+    """Return the offset [m] to subtract from coordinates that are far from their origin, or (0, 0) for coordinates near
+    their origin."""
     points = np.vstack([shape.points for shape in shapes if len(shape.points)])
     if np.hypot(*points.T).min() <= FAR_M:
         return 0.0, 0.0
@@ -124,7 +124,7 @@ def _shifted(file: ShapeFile, shift: tuple[float, float], origin: Origin | None)
 
 
 def checked_extent(shapes: Iterable[Polyline]) -> float:
-    """Return the extent of shapes [m]. Raise ValueError if the extent is above LARGEST_M."""
+    """Return the maximum extent of shapes to the east or north [m]. Raise ValueError above LARGEST_M."""
     extent = float(np.ptp(np.vstack([shape.points for shape in shapes if len(shape.points)]), axis=0).max())
     if extent > LARGEST_M:
         raise ValueError(

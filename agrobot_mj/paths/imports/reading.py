@@ -24,11 +24,11 @@ READERS: Readers = {
     "GeoJSON": (lambda head: head.lstrip()[:1] in ("{", "[") or bool(SCRIPT.match(head)), read_geojson),
     "AgOpenGPS": (lambda head: any(name in head for name in HEADS), read_agopengps),
 }
-"""Text readers by file type, each with a function that tests the first characters of a file."""
+"""Function that reads a text file, keyed by file type, with a function that tests the first characters of the file."""
 
 
 def read_shapes(name: str, most_bytes: int = MAX_BYTES, more: Readers | None = None) -> ShapeFile:
-    """Return the shapes of a file. Raise a ValueError that names file, problem and fix if the file cannot be read."""
+    """Return the shapes of the file `name`. Raise a ValueError that names file, problem and fix for an invalid file."""
     path = checked(name, (), most_bytes)
     try:
         data = path.read_bytes()
@@ -57,7 +57,7 @@ def _decoded(data: bytes) -> str:
 
 
 def text_type(text: str, readers: Readers = READERS) -> str:
-    """Return the type of a text file with positions, or an empty string for a table or an unidentified file."""
+    """Return the type of a text file with positions, such as "KML", or "" for a table or an unknown type."""
     head = text[:HEAD_CHARACTERS]
     return next((name for name, (recognises, _) in readers.items() if recognises(head)), "")
 

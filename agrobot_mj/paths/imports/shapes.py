@@ -22,8 +22,8 @@ class Polyline:
     role: str = ""  # Role of the shape in its file: boundary, hole, obstacle, headland, track, tram or other
     name: str = ""
     columns: Mapping[str, Array] = field(default_factory=dict)
-    """Additional values per point by column name, each array of shape (n,): speed [m/s], whether the implement works (0
-    or 1), driving direction (1 forward, -1 reverse), and row of the table."""
+    """Additional arrays of shape (n,) by column name, with one value per point: speed [m/s], whether the implement
+    works (0 or 1), driving direction (1 forward, -1 reverse), and row of the table."""
     properties: Mapping[str, Any] = field(default_factory=dict)
 
 

@@ -39,7 +39,7 @@ PREFIX = re.compile(r"^(?:(?:field|pose|pos|position|point|translation|transform
 KNOWN = {name: key for key, names in NAMES.items() for name in names}
 COMMENTS, MOST_TITLES = ("#", "%"), 50  # First characters of comments, and maximum number of rows above the numbers
 UNITS = {"km/h": 1 / 3.6, "kmh": 1 / 3.6, "kph": 1 / 3.6, "km_h": 1 / 3.6, "mph": 0.44704, "kn": 1852 / 3600}
-"""Factors for converting a speed to m/s, by the name of the speed unit."""
+"""Factors for the conversion of a speed to m/s, by the name of the speed unit."""
 UNIT = re.compile(r"[_\s]*(?:[\[(]([^\])]*)[\])]|_(m_s|mps|m|deg|km_h|kmh|kph|mph|kn))\s*$")
 """Pattern of the unit at the end of a column name."""
 WORDS = {"true": 1.0, "yes": 1.0, "on": 1.0, "forward": 1.0, "false": 0.0, "no": 0.0, "off": 0.0, "backward": -1.0}
@@ -53,7 +53,7 @@ the direction of the path [rad]."""
 
 
 class TableColumn(NamedTuple):
-    """Column of a CSV file with an identified quantity."""
+    """Column of a CSV file: name of the quantity, column index, and conversion factor."""
 
     name: str
     place: int
@@ -61,7 +61,7 @@ class TableColumn(NamedTuple):
 
 
 def read_table(text: str) -> ShapeFile:
-    """Return the points in the text of a CSV file as one shape. Raise a ValueError that names the first invalid row."""
+    """Return the points in the text of a CSV file as one shape. Raise a ValueError that gives the first invalid row."""
     lines = text.splitlines()
     titles, names = _titles(lines)
     rows = _rows(lines, titles)
@@ -116,8 +116,8 @@ def _without_empty_end(cells: list[str]) -> list[str]:
 
 
 def _is_speed(values: Array) -> bool:
-    """Return whether the third column of an untitled table, shape (n, 3), is a speed. Other possible quantities are
-    height and heading."""
+    """Return whether the third column of an untitled table, shape (n, 3), contains speeds instead of heights or
+    headings."""
     points, third = values[:, :2], values[:, 2]
     speeds = np.count_nonzero((third >= SLOWEST_M_S) & (third <= FASTEST_M_S))
     along = np.diff(points, axis=0)
@@ -154,7 +154,7 @@ def _rows(lines: list[str], first: int) -> Iterator[tuple[int, list[str]]]:
 
 
 def _key(cell: str) -> tuple[str, float]:
-    """Return the quantity for a column name (an empty string if unknown) and the factor for converting its unit."""
+    """Return the quantity of a column named `cell` ("" if unknown), and the conversion factor of its unit."""
     unit = UNIT.search(cell)
     name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", (cell[: unit.start()] if unit else cell).strip())
     key = KNOWN.get(PREFIX.sub("", re.sub(r"[\s./-]+", "_", name).lower().strip("_")), "")
@@ -204,7 +204,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _numbers(number: int, cells: list[str], columns: list[TableColumn], width: int) -> list[float]:
-    """Return the values of a row in the order of `columns`, or an empty list for a row without a position."""
+    """Return the numbers of a row in the order of `columns`, or an empty list for a row without a position."""
     if len(cells) < width or any(cells[width:]):
         fix = DECIMALS if len(cells) == 2 * width and _split_decimals(cells) else "use the same number in all rows"
         raise ValueError(f"row {number}: the row has {len(cells)} columns, but other rows have {width}; {fix}")

@@ -63,7 +63,7 @@ def _numbers(cells: list[list[str]]) -> Array:
 
 
 def read_gpx(text: str) -> ShapeFile:
-    """Return the tracks, routes and waypoints of a GPX file; the segments of a track are separate lines."""
+    """Return the tracks and routes of a GPX file, or else its waypoints. Track segments are separate lines."""
     root, shapes = parsed_xml(text), list[Polyline]()
     for parent, part, point in (("trk", "trkseg", "trkpt"), ("rte", ".", "rtept")):
         for line in root.findall(parent):
