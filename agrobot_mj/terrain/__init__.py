@@ -1,4 +1,4 @@
-"""Terrains, with one module per kind. A terrain creates the height grid of the ground under the tractor."""
+"""Terrain kinds, with one module per kind. A terrain defines the height grid and the properties of the ground."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""Base classes of terrains: field size, height grid, ground patches, and a tilted plane."""
+"""Base classes of terrains: size of the field, height grid with ground patches, and a tilted plane."""
 
 from functools import lru_cache
 from math import ceil, cos, radians, sin, tan
@@ -18,7 +18,7 @@ Side = Annotated[float, Field(gt=0, le=2 * HUGE)]
 
 
 class Sized(Spec):
-    """Base class of terrains with a field size, given by either `half_size_m` or `size_m`."""
+    """Base class of terrains with a configurable field size, given by either `half_size_m` or `size_m`."""
 
     half_size_m: Positive | None = 500.0
     """Distance from the origin to each edge of a square field [m]."""
@@ -40,7 +40,7 @@ class Sized(Spec):
 
     @property
     def half_sizes(self) -> tuple[float, float]:
-        """Distances from the origin to the eastern edge and to the northern edge [m]."""
+        """Distances from the origin to the eastern edge and to the northern edge of the field [m]."""
         if self.size_m is not None:
             return self.size_m[0] / 2, self.size_m[1] / 2
         assert self.half_size_m is not None  # checked by the validator
@@ -48,7 +48,7 @@ class Sized(Spec):
 
 
 def cells_of(half_sizes: tuple[float, float], largest: float) -> tuple[int, int]:
-    """Return the numbers of cells to the east and north, for square cells with sides of at most `largest` [m]."""
+    """Return the numbers of square cells to the east and north in a field, with sides of at most `largest` [m]."""
     longer, shorter = max(half_sizes), min(half_sizes)
     most = max(1, ceil(2 * longer / largest - 1e-9))
     fewest = max(1, ceil(most * shorter / longer - 1e-9))
@@ -61,7 +61,7 @@ Grade = Annotated[float, Field(ge=0, lt=45)]
 
 
 class Landscape(Spec):
-    """Base class of terrains; subclasses override `relief`."""
+    """Base class of all terrains; subclasses override `relief`, which returns the height grid."""
 
     kind: str
     patch: Annotated[tuple[GroundPatch, ...], Field(max_length=1000)] = ()
@@ -72,11 +72,11 @@ class Landscape(Spec):
     """Random variation of cone index, friction and moisture outside the patches. Default: none."""
 
     def relief(self) -> Ground:
-        """Return the height grid without patches. Raises a ValueError that names an invalid key."""
+        """Return the height grid without the ground patches. Raises a ValueError that names an invalid key."""
         raise NotImplementedError
 
     def stamp(self) -> tuple[object, ...]:
-        """Return a cache key, which changes if a height file or the image file of a patch changes."""
+        """Return a cache key, which changes when a height file or the image file of a patch changes."""
         return tuple(file_stamp(part.file) for part in (self, *self.patch) if hasattr(part, "file"))
 
     def ground(self) -> Ground:
@@ -85,9 +85,9 @@ class Landscape(Spec):
 
 
 class Tilted(Landscape):
-    """Base class of terrains on a plane that rises by `grade_deg` towards `direction_deg`.
+    """Base class of terrains whose heights are relative to a tilted plane.
 
-    The plane has height zero at the origin.
+    The plane rises by `grade_deg` towards `direction_deg` and has height zero at the origin.
     """
 
     grade_deg: Grade = 0.0
@@ -97,12 +97,12 @@ class Tilted(Landscape):
 
     @property
     def gradient(self) -> tuple[float, float]:
-        """Gradient (dh/dx, dh/dy) of the plane [-]."""
+        """Slopes (dh/dx, dh/dy) of the tilted plane to the east and north [-]."""
         grade, direction = tan(radians(self.grade_deg)), radians(self.direction_deg)
         return grade * cos(direction), grade * sin(direction)
 
     def tilted(self, ground: Ground) -> Ground:
-        """Return the height grid `ground` with the heights of the tilted plane added."""
+        """Return a copy of `ground` with the heights of the tilted plane added to the height grid."""
         rows, columns = ground.heights.shape
         x = ground.x0 + ground.spacing * np.arange(columns)
         y = ground.y0 + ground.spacing * np.arange(rows)

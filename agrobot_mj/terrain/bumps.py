@@ -53,18 +53,18 @@ class Bumps(Generated):
     """Seed of the positions and headings of scattered bumps."""
 
     def finest(self) -> float:
-        """Return the maximum node spacing that gives at least five nodes along and across each bump [m]."""
+        """Return the maximum node spacing [m] for at least five nodes along the length and the width of each bump."""
         return min(self.length_m, self.width_m) / 4
 
     def bare(self, x: Array, y: Array) -> Array:
-        """Return the heights of the bumps above level ground [m]. Raises ValueError if a row leaves the field."""
+        """Return the heights of the bumps above level ground [m]. Raises ValueError if a bump is outside the field."""
         heights = np.zeros((y.size, x.size))
         for bump in self.places():
             _raise(heights, (x, y), bump, (self.length_m, self.width_m))
         return self.height_m * heights
 
     def places(self) -> list[Bump]:
-        """Return the centre [m] and heading [rad] of every bump."""
+        """Return the centre (x, y) [m] and the heading [rad] of every bump."""
         return self._scattered() if self.layout == "scattered" else self._row()
 
     def _scattered(self) -> list[Bump]:
@@ -92,9 +92,9 @@ class Bumps(Generated):
 
 
 def _raise(heights: Array, nodes: tuple[Array, Array], bump: Bump, size: tuple[float, float]) -> None:
-    """Set `heights` to the maximum of `heights` and a bump of unit height; `size` is its length and width [m].
+    """Raise `heights` to a bump of unit height where the bump is higher; `size` is its length and width [m].
 
-    `nodes` contains the coordinates of columns and rows [m].
+    `nodes` contains the coordinates of the columns and of the rows of `heights` [m].
     """
     x, y, heading = bump
     reach = np.hypot(*size) / 2

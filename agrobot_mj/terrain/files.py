@@ -1,7 +1,7 @@
 """Reading of height grids and images: NumPy arrays, grey PNG images, ESRI ASCII grids and GeoTIFF.
 
-Each reader checks the file size and the header before it reads values. Errors are ValueErrors that begin with `file:
-NAME: ` and state the fix.
+Each reader checks the file size and the header before it reads the numbers. Errors are ValueErrors that begin with
+`file: NAME: ` and state the fix.
 """
 
 import warnings
@@ -24,23 +24,23 @@ GREY = {"L": 255, "I;16": 65535, "I;16B": 65535, "I": 65535}
 FINEST_M = 0.01  # Minimum cell size of an ESRI grid [m]. A smaller cell size is probably in degrees.
 HEADER = {"ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy", "nodata_value"}
 """Keys accepted in the header of an ESRI grid."""
-LONGEST_HEAD = 2000  # Maximum length of the header [characters]
+LONGEST_HEAD = 2000  # Maximum length of the header of an ESRI grid [characters]
 
 
 class Sheet(NamedTuple):
     """Grid of numbers read from a file."""
 
-    values: Array  # Values of the grid, shape (rows, columns); row 0 is the south edge
-    cell: float | None = None  # Distance between nodes [m], or None if the file does not state it
-    white: float = 1.0  # Value of white pixels in an image
+    values: Array  # Numbers of the grid, shape (rows, columns); row 0 is the south edge
+    cell: float | None = None  # Distance between nodes [m], or None if the file does not contain the distance
+    white: float = 1.0  # Number that represents white in an image
     corner: tuple[float, float] | None = None
-    """Easting and northing of the south-west node on a map [m], or None if the file defines no position."""
+    """Easting and northing of the south-west node on a map [m], or None if the file contains no position."""
 
 
 def read_grid(file: str) -> Sheet:
-    """Return the finite values, at least 2 x 2, of a `.npy`, `.png`, `.asc` or `.tif` file.
+    """Return the grid of finite numbers, at least 2 x 2, in a `.npy`, `.png`, `.asc` or `.tif` file.
 
-    Raises ValueError for an unusable file or value.
+    Raises ValueError for a file that cannot be used.
     """
     with _keyed():
         path = checked(file, list(READERS), MOST_BYTES)
@@ -53,7 +53,7 @@ def read_grid(file: str) -> Sheet:
 
 
 def read_picture(file: str) -> Array:
-    """Return the brightness of a grey PNG image from 0 (black) to 1 (white), shape (rows, columns); row 0 is south."""
+    """Return the brightness in a grey PNG image from 0 (black) to 1 (white), shape (rows, columns); row 0 is south."""
     with _keyed():
         sheet = _read_png(checked(file, [".png"], MOST_BYTES))
         return sheet.values / sheet.white
@@ -133,7 +133,7 @@ def _read_asc(path: Path) -> Sheet:
 
 
 def _corner_of(head: dict[str, float], cell: float) -> tuple[float, float] | None:
-    """Return the easting and northing of the south-west node, a cell centre [m], or None without a position."""
+    """Return the easting and northing of the south-west cell centre [m], or None for a header without a position."""
     west, south = (head.get(f"{axis}llcenter", head.get(f"{axis}llcorner", np.nan) + cell / 2) for axis in ("x", "y"))
     return (west, south) if np.isfinite([west, south]).all() else None
 

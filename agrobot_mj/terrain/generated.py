@@ -1,4 +1,4 @@
-"""Terrains computed from a formula: size of the field, nodes of the height grid, and a level area around the origin.
+"""Terrains computed from a formula: field size, nodes of the height grid, and a level area around the origin.
 
 The node spacing is equal in both directions and divides the longer side of the field evenly. The shorter side is
 extended to a multiple of the spacing.
@@ -19,13 +19,13 @@ Node = Annotated[float, Field(ge=0.01, le=HUGE)]
 
 
 class Generated(Sized, Tilted):
-    """Base class of terrains computed from a formula.
+    """Base class of terrains whose heights are computed from a formula.
 
     Subclasses override `bare`, and also `finest` if their details need a fine grid.
     """
 
     VERTICAL: ClassVar[str] = "grade_deg"
-    """Key that scales the heights of the terrain; messages about steep slopes begin with this key."""
+    """Key that scales the heights of the terrain. Messages about steep slopes begin with this key."""
 
     half_size_m: Positive | None = 75.0
     node_m: Node = 0.1
@@ -35,18 +35,18 @@ class Generated(Sized, Tilted):
     """Radius of a level area around the origin [m], with a transition up to twice this radius."""
 
     def bare(self, x: Array, y: Array) -> Array:
-        """Return the heights at `x` (columns,) and `y` (rows,) [m], shape (rows, columns).
+        """Return the heights [m] at the coordinates `x` (columns,) and `y` (rows,) [m], shape (rows, columns).
 
-        The caller adds the tilted plane and levels the area around the origin.
+        The heights exclude the tilted plane and the level area around the origin.
         """
         raise NotImplementedError
 
     def finest(self) -> float:
-        """Return the maximum node spacing that resolves the details of the terrain [m]."""
+        """Return the maximum node spacing [m] with which the height grid resolves the details of the terrain."""
         return HUGE
 
     def relief(self) -> Ground:
-        """Return the height grid. Raises a ValueError that names an invalid key."""
+        """Return the height grid with the tilted plane. Raises a ValueError that names an invalid key."""
         columns, rows = self._cells()
         half_x, half_y = self.half_sizes
         spacing = 2 * half_x / columns if half_x >= half_y else 2 * half_y / rows
@@ -60,7 +60,7 @@ class Generated(Sized, Tilted):
         return self.tilted(ground)
 
     def _cells(self) -> tuple[int, int]:
-        """Return the numbers of cells to the east and north. Raises ValueError for too large or too many cells."""
+        """Return the numbers of cells to the east and north. Raises ValueError if they are too large or too many."""
         if self.node_m > self.finest():
             raise ValueError(
                 f"node_m: {self.node_m:g} m is too coarse for this relief; set a value of at most {self.finest():.3g}"
@@ -88,12 +88,12 @@ class Generated(Sized, Tilted):
 
 
 def _nodes(half: float, cells: int, spacing: float) -> Array:
-    """Return the node coordinates of one axis, symmetric about the origin [m], shape (cells + 1,)."""
+    """Return the node coordinates along one axis [m], symmetric about the origin, shape (cells + 1,)."""
     half = half if cells * spacing <= 2 * half * (1 + 1e-12) else cells * spacing / 2
     return np.linspace(-half, half, cells + 1)
 
 
 def _fade(share: Array) -> Array:
-    """Return a smooth transition from 0 at `share` <= 0 to 1 at `share` >= 1."""
+    """Return a smooth transition from 0 for `share` <= 0 to 1 for `share` >= 1 [-]."""
     s = np.clip(share, 0.0, 1.0)
     return s * s * (3.0 - 2.0 * s)

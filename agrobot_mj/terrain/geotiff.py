@@ -14,9 +14,9 @@ from agrobot_mj.core.resources import refuse
 from agrobot_mj.core.signals import Array
 
 PIXEL_SCALE, TIE_POINT, TRANSFORMATION, GEO_KEYS, NODATA = 33550, 33922, 34264, 34735, 42113
-"""Numbers of the TIFF tags that GeoTIFF files use."""
+"""Numbers of the TIFF tags for cell size, position, transformation, GeoKeys and missing data in GeoTIFF files."""
 MODEL_TYPE, RASTER_TYPE, GEOGRAPHIC, IS_POINT = 1024, 1025, 2, 2
-"""GeoKeys of coordinate system and raster type, and their values for coordinates in degrees and for point values."""
+"""GeoKeys of coordinate system and raster type, and their numbers for coordinates in degrees and for point data."""
 IN_DEGREES = (1, 1, 0, 3, MODEL_TYPE, 0, 1, GEOGRAPHIC, RASTER_TYPE, 0, 1, 1, 2048, 0, 1, 4326)
 IN_METRES = (1, 1, 0, 2, MODEL_TYPE, 0, 1, 32767, RASTER_TYPE, 0, 1, 1)
 """GeoKey directories of written files: `IN_DEGREES` for WGS 84, `IN_METRES` for a grid without a map position."""
@@ -38,7 +38,8 @@ def open_tiff(path: Path) -> Any:
 
 
 def cell_and_corner(path: Path, image: Any) -> tuple[float, tuple[float, float]]:
-    """Return cell size and (easting, northing) of the south-west node [m]. Raises ValueError for unsupported grids."""
+    """Return cell size [m] and (easting, northing) [m] of the south-west node. Raises ValueError for unsupported
+    grids."""
     tags = image.tag_v2
     keys = _geo_keys(tags)
     if keys.get(MODEL_TYPE) == GEOGRAPHIC:
@@ -55,7 +56,7 @@ def cell_and_corner(path: Path, image: Any) -> tuple[float, tuple[float, float]]
 
 
 def values_of(path: Path, image: Any) -> Array:
-    """Return the values of an image, shape (rows, columns); row 0 is south. Raises ValueError for missing values."""
+    """Return the numbers in an image, shape (rows, columns); row 0 is south. Raises ValueError for missing data."""
     values = np.asarray(image, dtype=np.float64)
     if holes := int((values == _nodata(path, image.tag_v2)).sum()):
         refuse(path, f"the grid has {holes} missing values (NODATA); fill them, e.g. with gdal_fillnodata")

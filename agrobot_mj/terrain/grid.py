@@ -1,9 +1,10 @@
 """Ground: a height grid with bilinear interpolation, and a grid of ground properties.
 
 `Ground` is a tuple of numbers and arrays for compiled kernels. Nodes are at (x0 + column * spacing, y0 + row *
-spacing), heights have shape (rows, columns) [m]. Points outside the grid have the height of the nearest border point;
-`Ground.covers` tests whether a point is on the grid. The properties have a separate grid of square cells and are
-uniform in each cell. Outside this grid the terrain's surface or the tyre law defines the properties.
+spacing), heights have shape (rows, columns) [m]. Points outside the height grid have the height of its nearest border
+point; `Ground.covers` tests whether a point is on the grid. Friction, cone index and rolling resistance have a separate
+grid of square cells and are uniform in each cell. Outside this grid the surface of the terrain or the tyre law defines
+these properties.
 """
 
 from fractions import Fraction
@@ -29,31 +30,33 @@ class Surface(NamedTuple):
     y0: float  # South edge of the grid [m]
     spacing: float  # Side length of a cell [m]
     friction: Array  # Factor on the tyre friction [-], shape (rows, columns)
-    cone_index: Array  # Cone index of the soil, same shape; 0 selects the value of the tyre law [Pa]
+    cone_index: Array  # Cone index of the soil [Pa], same shape; 0 selects the cone index of the tyre law
     rolling: Array = np.empty((0, 0))
-    """Rolling resistance divided by load on firm ground [-], shape of `friction` or empty; 0: value of the tyre law."""
+    """Rolling resistance divided by load [-], in the shape of `friction` or empty; 0 stands for that of the tyre
+    law."""
     elsewhere: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    """Friction factor [-], cone index [Pa] and rolling resistance [-] outside the property grid."""
+    """Friction factor [-], cone index [Pa] and rolling resistance [-] outside the grid, where 0 has the same
+    meaning."""
 
 
 NOTHING_SPECIAL = Surface(0.0, 0.0, 1.0, np.empty((0, 0)), np.empty((0, 0)))
-"""Surface without cells: the values of the tyre law apply everywhere."""
+"""Property grid without cells: friction, cone index and rolling resistance of the tyre law apply everywhere."""
 
 
 class Ground(NamedTuple):
-    """Height grid with the ground properties."""
+    """Height grid and properties of the ground."""
 
     x0: float  # East coordinate of column 0 [m]
     y0: float  # North coordinate of row 0 [m]
     spacing: float  # Distance between neighbouring nodes in both directions [m]
     heights: Array  # Heights of the nodes [m], shape (rows, columns), at least 2 x 2
     surface: Surface = NOTHING_SPECIAL
-    planar: bool = False  # Whether the grid was created as a plane with more than one cell
+    planar: bool = False  # Whether `plane` created the height grid
     memory: SoilMemory = FORGETS  # Ruts in soil with plastic deformation; each plant has a separate copy
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """Limits (x_min, x_max, y_min, y_max) of the height grid [m]."""
+        """Limits (x_min, x_max, y_min, y_max) of the height grid [m], to the east and north of the origin."""
         rows, columns = self.heights.shape
         return (self.x0, self.x0 + (columns - 1) * self.spacing, self.y0, self.y0 + (rows - 1) * self.spacing)
 
@@ -94,7 +97,8 @@ def height_and_gradient(ground: Ground, x: float, y: float) -> tuple[float, floa
 
 @kernel
 def surface_at(surface: Surface, x: float, y: float) -> tuple[float, float]:
-    """Return the friction factor [-] and cone index [Pa] (0: value of the tyre law) at (x, y) [m]."""
+    """Return the friction factor [-] and cone index [Pa] at (x, y) [m]; cone index 0 stands for that of the tyre
+    law."""
     rows, columns = surface.friction.shape
     a, b = (x - surface.x0) / surface.spacing, (y - surface.y0) / surface.spacing
     if not (0.0 <= a < columns and 0.0 <= b < rows):
@@ -104,7 +108,7 @@ def surface_at(surface: Surface, x: float, y: float) -> tuple[float, float]:
 
 @kernel
 def rolling_at(surface: Surface, x: float, y: float) -> float:
-    """Return the rolling resistance divided by load [-] at (x, y) [m]; 0 means the value of the tyre law."""
+    """Return the rolling resistance divided by load [-] at (x, y) [m]; 0 stands for that of the tyre law."""
     rows, columns = surface.rolling.shape
     a, b = (x - surface.x0) / surface.spacing, (y - surface.y0) / surface.spacing
     if not (0.0 <= a < columns and 0.0 <= b < rows):
@@ -114,7 +118,7 @@ def rolling_at(surface: Surface, x: float, y: float) -> float:
 
 @jit
 def heights(ground: Ground, x: Array, y: Array) -> Array:
-    """Return the heights of the ground at the points (x, y) [m], same shape as `x`."""
+    """Return the heights of the ground [m] at the points (x, y) [m], in the shape of `x`."""
     found = np.empty(x.size)
     for k, (a, b) in enumerate(zip(x.ravel(), y.ravel())):  # noqa: B905
         found[k] = height_and_gradient(ground, a, b)[0]
@@ -122,7 +126,7 @@ def heights(ground: Ground, x: Array, y: Array) -> Array:
 
 
 def plane(grade_x: float, grade_y: float, half_x: float, half_y: float | None = None) -> Ground:
-    """Return a plane through the origin with the slopes `grade_x` and `grade_y` [-].
+    """Return a plane through the origin with the slopes `grade_x` to the east and `grade_y` to the north [-].
 
     The plane extends `half_x` [m] to the east and west, and `half_y` (default: `half_x`) to the north and south. A
     square has one cell. A rectangle has square cells, at most `MOST_STEPS` along its longer side.

@@ -69,7 +69,7 @@ class Heightmap(Tilted):
         return sheet.cell
 
     def _corner(self, sheet: Sheet, x: float, y: float) -> tuple[float, float]:
-        """Return the position of the south-west node [m]: (x, y), or its map position minus `map_origin_m` if given."""
+        """Return the south-west node (x, y) [m], or its map position minus `map_origin_m` if this key is given."""
         if self.map_origin_m is None:
             return x, y
         if sheet.corner is None:

@@ -16,10 +16,10 @@ from agrobot_mj.core.signals import Array
 TILE = 32  # Number of cells along the side of a tile
 MOST_TILES = 8192
 """Maximum number of tiles. With cells of 5 cm a tile is 1.6 m wide; all tiles together cover 2 ha and use 270 MB."""
-MOST_PLACES = 16_000_000  # Maximum number of tile positions on a field: 64 MB
+MOST_PLACES = 16_000_000  # Maximum number of tile positions on a field, which use 64 MB
 SINKAGE, YIELD, HARDENING, LEVEL = range(VALUES := 4)
-"""Indices of the values of a soil cell: plastic sinkage [m], yield pressure [Pa], sinkage of untouched soil at the
-yield pressure [m], and fraction of the yield pressure up to which the cell is elastic [-]."""
+"""Indices of the numbers stored for a soil cell: plastic sinkage [m], yield pressure [Pa], sinkage of untouched soil at
+the yield pressure [m], and fraction of the yield pressure up to which the cell is elastic [-]."""
 AnyArray = np.ndarray[Any, Any]
 
 
@@ -29,8 +29,8 @@ class SoilMemory(NamedTuple):
     x0: float  # West edge [m]
     y0: float  # South edge [m]
     cell: float  # Side length of a cell [m]
-    tiles: AnyArray  # Index in `cells` of each tile, -1 for untouched ground, int32 of shape (rows, columns)
-    cells: AnyArray  # Values of the cells of each tile, float64 of shape (tiles, TILE, TILE, VALUES), see `SINKAGE`
+    tiles: AnyArray  # Index of each tile in `cells`, or -1 for untouched ground, int32 of shape (rows, columns)
+    cells: AnyArray  # Numbers of each cell (see `SINKAGE`), float64 of shape (tiles, TILE, TILE, VALUES)
     used: AnyArray  # Number of tiles in use, int64 of shape (1,)
 
 
@@ -41,10 +41,10 @@ FORGETS = SoilMemory(
 
 
 class SavedSoil(NamedTuple):
-    """Copy of a soil memory that contains only the tiles in use."""
+    """Copy of the tiles in use of a soil memory."""
 
-    places: AnyArray  # Row and column of each tile, int32 of shape (n, 2), in the order of the store
-    cells: AnyArray  # Values of the cells of each tile, float64 of shape (n, TILE, TILE, VALUES)
+    places: AnyArray  # Row and column of each tile, int32 of shape (n, 2), in the order of `cells`
+    cells: AnyArray  # Numbers of each cell (see `SINKAGE`), float64 of shape (n, TILE, TILE, VALUES)
 
 
 class RutMap(NamedTuple):
@@ -79,7 +79,7 @@ def untouched_soil(extent: tuple[float, float, float, float], cell: float) -> So
 
 @kernel
 def tile_of(memory: SoilMemory, row: int, column: int) -> int:
-    """Return the index of a tile in the soil memory, allocating the tile if needed, or -1 if all tiles are in use."""
+    """Return the index in `memory.cells` of a tile, which is allocated if needed, or -1 if all tiles are in use."""
     number = memory.tiles[row, column]
     if number < 0 and memory.used[0] < memory.cells.shape[0]:
         number = memory.used[0]
@@ -95,19 +95,19 @@ def _places(memory: SoilMemory) -> AnyArray:
 
 
 def forget(memory: SoilMemory) -> None:
-    """Remove all ruts from the soil memory."""
+    """Remove all ruts from a soil memory."""
     memory.cells[: memory.used[0]] = 0.0
     memory.tiles[:] = -1
     memory.used[0] = 0
 
 
 def saved(memory: SoilMemory) -> SavedSoil:
-    """Return a copy of the soil memory, for `restore`."""
+    """Return a copy of a soil memory, which `restore` can load again."""
     return SavedSoil(_places(memory), memory.cells[: memory.used[0]].copy())
 
 
 def restore(memory: SoilMemory, state: SavedSoil) -> None:
-    """Replace the contents of the soil memory with a saved copy."""
+    """Replace the contents of a soil memory with the saved copy `state`."""
     forget(memory)
     count = len(state.places)
     memory.tiles[tuple(state.places.T)] = np.arange(count, dtype=np.int32)
@@ -116,7 +116,7 @@ def restore(memory: SoilMemory, state: SavedSoil) -> None:
 
 
 def rut_map(memory: SoilMemory) -> RutMap:
-    """Return the positions and depths of all cells with plastic sinkage."""
+    """Return the positions and depths of all cells with plastic sinkage in a soil memory."""
     places, cells = _places(memory), memory.cells[: memory.used[0]]
     k, j, i = np.nonzero(cells[..., SINKAGE])
     x = memory.x0 + memory.cell * (TILE * places[k, 1] + i + 0.5)

@@ -1,4 +1,4 @@
-"""Conversion of ground patches to one grid of ground properties."""
+"""Conversion of the ground patches of a terrain to one grid of ground properties."""
 
 from math import ceil, inf
 from typing import Annotated, NamedTuple
@@ -11,7 +11,7 @@ from agrobot_mj.terrain.grid import Surface, rounded_up
 from agrobot_mj.terrain.shapes import Bounds, CirclePatch, PicturePatch, PolygonPatch, RectanglePatch, Special
 from agrobot_mj.terrain.variation import Variation
 
-MOST_CELLS = 4_000_000  # Maximum number of cells in the grid of properties: 64 MB
+MOST_CELLS = 4_000_000  # Maximum number of cells in the property grid, which use 64 MB
 MOST_TESTS = 2e8
 """Maximum number of point-in-patch tests [-], summed over all patches. This number of tests takes several seconds."""
 
@@ -22,12 +22,12 @@ class Base(NamedTuple):
     """Ground properties outside the patches."""
 
     properties: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    """Friction factor [-], cone index [Pa] and rolling resistance [-]; in the last two, 0 means the tyre-law value."""
+    """Friction factor [-], cone index [Pa], rolling resistance [-]; in the last two, 0 means that of the tyre law."""
     variation: Variation | None = None  # Random variation about these properties, or None for uniform ground
 
 
 def surface(patches: tuple[Special, ...], extent: Bounds, base: Base) -> Surface:
-    """Return the property grid of patches on the ground `base`. Raises a ValueError that names an invalid key."""
+    """Return the property grid of `patches` on the ground `base`. Raises a ValueError that names an invalid key."""
     boxes = [_inside(k, patch, extent) for k, patch in enumerate(patches)]
     covered_boxes = boxes if base.variation is None else [extent]
     low_x, low_y = min(box[0] for box in covered_boxes), min(box[2] for box in covered_boxes)
@@ -80,13 +80,13 @@ def _ground_outside(base: Base, shape: tuple[int, int], cell: float) -> tuple[Ar
 
 
 def _window(first: float, between: tuple[float, ...], cell: float) -> slice:
-    """Return the slice of cells in an interval [m], extended by one cell on each side; cell 0 begins at `first` [m]."""
+    """Return the slice of the cells in an interval [m] and one cell on both sides; cell 0 begins at `first` [m]."""
     low, high = between
     return slice(max(0, int((low - first) / cell) - 1), int((high - first) / cell) + 2)
 
 
 def _coarse_enough(cell: float, width: float, height: float) -> float:
-    """Return the minimum cell size for which the grid has at most `MOST_CELLS` cells [m]."""
+    """Return the minimum cell size [m] for which the property grid has at most `MOST_CELLS` cells."""
     while ceil(height / cell) * ceil(width / cell) > MOST_CELLS:
         cell = rounded_up(1.05 * cell)
     return cell

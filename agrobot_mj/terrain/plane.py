@@ -12,7 +12,7 @@ class Flat(Sized, Landscape):
     kind: Literal["flat"] = "flat"
 
     def relief(self) -> Ground:
-        """Return the height grid."""
+        """Return a height grid at height zero."""
         return plane(0.0, 0.0, *self.half_sizes)
 
 
@@ -23,5 +23,5 @@ class Slope(Sized, Tilted):
     grade_deg: Grade = 5.0
 
     def relief(self) -> Ground:
-        """Return the height grid."""
+        """Return the height grid of the sloping plane."""
         return plane(*self.gradient, *self.half_sizes)

@@ -44,7 +44,7 @@ class Ridges(Generated):
     """Cross-section of the furrows: `sine`, or `flat` with level crests and troughs, as in beds."""
 
     def finest(self) -> float:
-        """Return the maximum node spacing that gives at least eight nodes per furrow [m]."""
+        """Return the maximum node spacing [m] with which each furrow has at least eight nodes across."""
         return self.spacing_m / 8
 
     def bare(self, x: Array, y: Array) -> Array:

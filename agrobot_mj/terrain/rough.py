@@ -31,8 +31,8 @@ from agrobot_mj.terrain.generated import Generated
 REFERENCE_WAVE_NUMBER = 0.1  # Reference wave number n_0 [cycle/m] [ISO8608]
 ROUGHNESS = {"A": 16e-6, "B": 64e-6, "C": 256e-6, "D": 1024e-6, "E": 4096e-6}
 """Roughness G_d(n_0) of each class [m3]: geometric mean of the class [ISO8608]."""
-HIGHEST_WAVE_NUMBER = 2.83  # Maximum wave number of the standard [cycle/m] [ISO8608]
-ROLL_OFF = 0.7  # Wave number at which the roll-off starts, divided by the maximum wave number [-]. Assumed value.
+HIGHEST_WAVE_NUMBER = 2.83  # Maximum wave number of ISO 8608 [cycle/m] [ISO8608]
+ROLL_OFF = 0.7  # Wave number at which the roll-off starts, divided by the maximum of the spectrum [-]. Assumed value.
 
 
 class Rough(Generated):
@@ -47,7 +47,7 @@ class Rough(Generated):
     """Seed of the random roughness, independent of the seed of the run."""
 
     def bare(self, x: Array, y: Array) -> Array:
-        """Return the heights relative to the middle node of the height grid [m]."""
+        """Return the random heights [m] relative to the middle node of the height grid."""
         from scipy.fft import fftfreq, irfft2, rfft2, rfftfreq  # imported here: the import takes 0.05 s
 
         columns, rows = x.size - 1, y.size - 1
@@ -64,9 +64,9 @@ class Rough(Generated):
 
 
 def plane_spectrum(k: Array, roughness: float, end: float) -> Array:
-    """Return the two-dimensional spectrum S [m4] at the wave numbers `k` [cycle/m] for the roughness G_d(n_0) [m3].
+    """Return the two-dimensional spectrum S [m4] at the wave numbers `k` [cycle/m] for a `roughness` G_d(n_0) [m3].
 
-    S is 0 at k = 0 and above `end` [cycle/m].
+    S is 0 at k = 0 and above the wave number `end` [cycle/m].
     """
     table = end * np.geomspace(1e-4, 1.0, 800)
     # The substitution u = k cosh(v) removes the singularity of the Abel transform at u = k.
@@ -79,7 +79,7 @@ def plane_spectrum(k: Array, roughness: float, end: float) -> Array:
 
 
 def _line_slope(n: Array, roughness: float, end: float) -> Array:
-    """Return the derivative of the two-sided profile spectrum [m4] at wave numbers `n`, with roll-off up to `end`."""
+    """Return the derivative of the two-sided profile spectrum [m4] at wave numbers `n` [cycle/m], 0 above `end`."""
     start = ROLL_OFF * end
     phase = np.pi * np.clip((n - start) / (end - start), 0.0, 1.0)
     whole, falling = (1 + np.cos(phase)) / 2, -np.sin(phase) * np.pi / (2 * (end - start))

@@ -1,4 +1,4 @@
-"""Shapes of ground patches: rectangle, circle, polygon and image."""
+"""Shapes of ground patches: rectangle, circle, polygon and grey image."""
 
 from math import cos, radians, sin
 from typing import Annotated, Literal, Self, TypeAlias
@@ -18,7 +18,7 @@ Mask: TypeAlias = "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]"
 
 
 class Special(Spec):
-    """Base class of ground patches; subclasses override `bounds` and `covers`."""
+    """Base class of ground patches with separate properties; subclasses override `bounds` and `covers`."""
 
     kind: str
     surface: SurfaceName | None = None
@@ -40,7 +40,7 @@ class Special(Spec):
         return self
 
     def bounds(self) -> Bounds:
-        """Return the bounding box (x_min, x_max, y_min, y_max) of the shape [m]."""
+        """Return the bounding box (x_min, x_max, y_min, y_max) of the patch [m]."""
         raise NotImplementedError
 
     def covers(self, x: Array, y: Array) -> Mask:
@@ -81,7 +81,7 @@ class RectanglePatch(Special):
         return self.x_m - a, self.x_m + a, self.y_m - b, self.y_m + b
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Return whether the grid points are on the rectangle."""
+        """Return whether the points `x` (1, n) and `y` (m, 1) [m] are on the rectangle, as a mask of shape (m, n)."""
         c, s = cos(radians(self.heading_deg)), sin(radians(self.heading_deg))
         along, across = c * (x - self.x_m) + s * (y - self.y_m), c * (y - self.y_m) - s * (x - self.x_m)
         return (2 * np.abs(along) <= self.length_m) & (2 * np.abs(across) <= self.width_m)
@@ -104,7 +104,7 @@ class CirclePatch(Special):
         return self.x_m - r, self.x_m + r, self.y_m - r, self.y_m + r
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Return whether the grid points are on the circle."""
+        """Return whether the grid points `x` (1, n) and `y` (m, 1) [m] are on the circle, as a mask of shape (m, n)."""
         return np.hypot(x - self.x_m, y - self.y_m) <= self.radius_m
 
 
@@ -129,7 +129,7 @@ class PolygonPatch(Special):
         return min(x), max(x), min(y), max(y)
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Return whether the grid points are in the polygon: a ray to the east crosses an odd number of edges."""
+        """Return whether the grid points are in the polygon, where a ray to the east crosses an odd number of edges."""
         x, y = x[0], y[:, 0]
         crossed = np.zeros((len(y), len(x) + 1), dtype=np.bool_)
         for (x0, y0), (x1, y1) in zip(self.points, (*self.points[1:], self.points[0]), strict=True):
@@ -179,12 +179,12 @@ class PicturePatch(Special):
         return self.x_m - a, self.x_m + a, self.y_m - b, self.y_m + b
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Return whether the grid points are on the image."""
+        """Return whether the grid points `x` (1, n) and `y` (m, 1) [m] are on the image, as a mask of shape (m, n)."""
         x_min, x_max, y_min, y_max = self.bounds()
         return (x_min <= x) & (x < x_max) & (y_min <= y) & (y < y_max)
 
     def properties(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return the friction factor [-] and cone index [Pa] of the image pixel at each point."""
+        """Return the friction factor [-] and cone index [Pa] of the image pixel at each point (x, y) [m]."""
         brightness = read_picture(self.file)
         x_min, _, y_min, _ = self.bounds()
         rows, columns = brightness.shape

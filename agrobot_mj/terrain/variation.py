@@ -42,7 +42,7 @@ maximum accepted cone index), and all frictions (concrete 1-1.2, tilled 0.8-1, s
 LEAST_FRICTION, MOST_FRICTION = 0.05, 3.0  # Minimum and maximum of the random friction factor [-]. Assumed values.
 CELLS_PER_LENGTH = 4  # Default number of cells per correlation length [-]
 EDGE_LENGTHS = 6
-"""Width of the margin of the embedding grid, in correlation lengths [-]. The correlation over this width is 0.25 %."""
+"""Width of the margin of the embedding grid divided by the correlation length [-], with a correlation of 0.25 %."""
 
 
 class Variation(Spec):
@@ -75,13 +75,13 @@ class Variation(Spec):
 
     @property
     def cell(self) -> float:
-        """Side length of the grid cells [m]: `cell_m`, or its default."""
+        """Side length of the grid cells [m]: `cell_m` if given, otherwise a quarter of the correlation length."""
         return self.correlation_m / CELLS_PER_LENGTH if self.cell_m is None else self.cell_m
 
     def properties(self, shape: tuple[int, int], cell: float, mean_kpa: float | None) -> tuple[Array, Array]:
         """Return the friction factor [-] and cone index [Pa] in a grid of square cells with the side length `cell` [m].
 
-        The cone index is 0 if no mean value is given. Raises a ValueError that names the key of a missing mean.
+        The cone index is 0 without a mean. Raises a ValueError that names the key of a missing mean.
         """
         mean = mean_kpa if self.cone_index_kpa is None else self.cone_index_kpa
         if mean is None and self.cone_index_spread > 0.0:
@@ -122,7 +122,7 @@ def gaussian_field(noise: np.random.Generator, shape: tuple[int, int], cell: flo
 
 
 def named(surface: SurfaceName | None) -> tuple[float, float, float]:
-    """Return the friction factor [-], cone index [Pa] and rolling resistance [-] of a surface; (1, 0, 0) for None."""
+    """Return friction factor [-], cone index [Pa] and rolling resistance [-] of a named surface; (1, 0, 0) for None."""
     if surface is None:
         return 1.0, 0.0, 0.0
     found = NAMED[surface]
