@@ -1,4 +1,4 @@
-"""Tyre models between wheels and ground, with one module per tyre law and a common contact patch."""
+"""Tyre models for the force between wheel and ground: one module per tyre law, and a common contact patch."""
 
 from typing import Annotated
 

@@ -1,7 +1,7 @@
 """Base class of tyres, and the input and output of tyre laws.
 
-A tyre is a subclass of `TyreBase` with three parts: `structure` (relaxation, damping, rolling resistance, contact
-patch), `coefficients` (of the law for a front and a rear tyre, in SI units), and `native` (settings of MuJoCo contact
+A tyre is a subclass of `TyreBase` with three members: `structure` (relaxation, damping, rolling resistance, contact
+patch), `coefficients` (of the law for a front and a rear tyre, in SI units), and `native` (settings of MuJoCo's contact
 if this contact replaces the law). Each law is a `TyreLaw`: a named tuple of floats whose methods `force` and `drag` are
 scalar functions, compiled for the physics steps and also usable in plain Python. To add a tyre, write a module with a
 tyre class and a law class, and add the tyre to the union `Tyre`.
@@ -30,22 +30,22 @@ VANISHING = 1e-150  # Minimum slip divided by peak force whose square does not u
 
 
 class Footing(NamedTuple):
-    """Properties of the ground under a tyre."""
+    """Friction, soil strength and rolling resistance of the ground under a tyre."""
 
-    grip: float  # Factor on the friction [-]
+    grip: float  # Factor on the friction coefficient of the tyre [-]
     cone_index: float  # Cone index of the soil [Pa]
     rolling: float = 0.0
-    """Rolling resistance of a named surface divided by load [-], or 0 for the rolling resistance of the tyre."""
+    """Rolling resistance of a named ground surface divided by load [-], or 0 for the rolling resistance of the tyre."""
 
 
 class Slip(NamedTuple):
-    """State of one tyre on the ground: the input of a tyre law."""
+    """Slip, load and ground of one tyre: the input of a tyre law."""
 
-    x: float  # Longitudinal slip, sliding speed divided by `v_roll`; driving forward is negative, braking positive [-]
-    y: float  # Lateral slip, positive sliding left; for a rolling wheel the tangent of the slip angle [-]
+    x: float  # Longitudinal slip [-], sliding speed divided by `v_roll`: negative when driving, positive when braking
+    y: float  # Lateral slip [-], positive when sliding left; for a rolling wheel the tangent of the slip angle
     load: float  # Load normal to the ground [N]
-    deflection: float  # Vertical deflection [m]
-    v_roll: float  # Reference speed of the slips: the ground speed, or half the rim speed if larger; not negative [m/s]
+    deflection: float  # Vertical deflection of the tyre [m]
+    v_roll: float  # Reference speed of the slips [m/s], not negative: maximum of ground speed and half the rim speed
     footing: Footing
     travel: float = 1.0  # Direction of travel: 1 forward, 0 at rest, -1 in reverse, with a smooth transition [-]
     area: float = 0.0  # Contact area on yielding soil, otherwise 0 [m2]
@@ -53,30 +53,30 @@ class Slip(NamedTuple):
 
 
 class TyreForce(NamedTuple):
-    """Force returned by a tyre law."""
+    """Force on a wheel returned by a tyre law, with the state of the friction."""
 
     x: float  # Longitudinal force [N], forward positive
     y: float  # Lateral force [N], left positive
-    held: float  # Fraction of the bristle deflection that the available friction holds [-]
-    used: float  # Used fraction of the available friction [-]
+    held: float  # Fraction of the bristle (carcass) deflection that the available friction holds [-]
+    used: float  # Fraction of the available friction that the tyre uses [-]
 
 
 class Direction(NamedTuple):
-    """Direction of a slip or force in the contact plane."""
+    """Unit vector of a slip or force in the contact plane."""
 
     x: float  # Component forward [-]
     y: float  # Component to the left [-]
 
 
 class TyreLaw(Protocol):
-    """Force law of one tyre: a named tuple of floats that contains the coefficients."""
+    """Force law of one tyre: a named tuple of floats, which are the coefficients of the law."""
 
     def force(self, slip: Slip) -> TyreForce:
-        """Return the tyre force for a given slip."""
+        """Return the horizontal tyre force for a given slip, load and ground."""
 
     def drag(self, slip: Slip, direction: float) -> float:
-        """Return the motion resistance of the ground at the wheel centre [N]; `direction` is the direction of travel in
-        [-1, 1]."""
+        """Return the motion resistance of the soil as a forward force at the wheel centre [N], negative in forward
+        travel; `direction` is the direction of travel in [-1, 1]."""
 
 
 for _step in ("force", "drag"):
@@ -138,26 +138,26 @@ class Structure(NamedTuple):
     patch_half_length_m: float | None = 0.0
     """Half the contact length [m]; 0 for no scrubbing moment, None for a length from the static deflection."""
     trail_m: float = 0.0  # Pneumatic trail at small slip [m]
-    cone_index_pa: float = 0.0  # Cone index where the ground has no value [Pa], or 0 for laws without a cone index
+    cone_index_pa: float = 0.0  # Cone index of ground without a cone index [Pa]; 0 for laws that use no cone index
     carcass_share: tuple[float, float] = (0.0, 0.0)
-    """Longitudinal and lateral carcass stiffness divided by vertical stiffness [-], or 0 to use `relaxation_radii`."""
+    """Longitudinal and lateral carcass stiffness divided by vertical stiffness [-]; 0 selects `relaxation_radii`."""
     bearing: Bearing = FIRM  # Parameters of soil with plastic sinkage. Default: firm ground.
     load_follows: bool = False
-    """Whether the load acts at the contact patch, which the lateral force displaces, instead of in the wheel plane."""
+    """Whether the load acts at the contact patch, which the lateral force displaces, or else in the wheel plane."""
 
 
 class NativeContact(NamedTuple):
-    """Settings of MuJoCo's contact between wheel and ground."""
+    """Settings of MuJoCo's contact between wheel and ground, for a tyre without a force law."""
 
     friction: float = 0.8  # Sliding friction coefficient [-]
     impratio: float = 1.0  # Friction stiffness divided by normal contact stiffness [-]
 
 
 class TyreBase(Spec):
-    """Base class of tyres."""
+    """Base class of tyres; subclasses override `structure` and `coefficients`."""
 
     fast_step_s: ClassVar[float] = 0.005
-    """Physics step of `physics = "fast"` with this tyre [s]."""
+    """Physics step that `physics = "fast"` uses for this tyre [s]."""
 
     kind: str
 
@@ -172,14 +172,13 @@ class TyreBase(Spec):
         return self.native is None
 
     def structure(self) -> Structure:
-        """Return the parameters of the carcass and contact patch."""
+        """Return the parameters of the carcass and the contact patch."""
         raise NotImplementedError
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Yield a message for each static wheel load outside the valid range of the law.
+        """Yield a message for each static wheel load outside the valid range of the tyre law. Default: no messages.
 
-        `loads` are the loads of a front and of a rear wheel [N]. A message begins with a key, relative to the table of
-        the tyre. Default: no messages.
+        `loads` are the loads of a front and of a rear wheel [N]. A message begins with a key of the tyre table.
         """
         yield from ()
 
@@ -188,7 +187,7 @@ class TyreBase(Spec):
         return self
 
     def coefficients(self, tractor: TractorParameters) -> tuple[TyreLaw, TyreLaw]:
-        """Return the coefficients of the tyre law, for a front tyre and for a rear tyre, in the same class."""
+        """Return the coefficients of the tyre law for a front and a rear tyre, as objects of the same class."""
         raise NotImplementedError
 
 
@@ -213,7 +212,7 @@ class CarcassTyre(TyreBase):
     maximum dissipation, closer to the axis of higher friction. Assumed value (up to 1 for lugs [Goyal1991])."""
 
     def structure(self) -> Structure:
-        """Return the parameters of the carcass and contact patch; subclasses add rolling resistance, trail or soil."""
+        """Return the parameters of carcass and contact patch; subclasses add rolling resistance, trail or soil."""
         return Structure(
             bristle_damping_s=self.bristle_damping_s,
             patch_half_length_m=self.patch_half_length_m,

@@ -42,7 +42,7 @@ MOST_SLIP = 0.8
 """Slip above which the sinkage is constant [-], at three times the value without slip. Assumed value: published curves
 end at this slip."""
 
-Cell = tuple[int, int, int]  # Tile, row and column of a stored cell
+Cell = tuple[int, int, int]  # Tile number of a stored cell, with its row and column in the tile
 
 
 class Bearing(NamedTuple):
@@ -70,20 +70,20 @@ class Tread(NamedTuple):
 
 
 class SoilCell(NamedTuple):
-    """State of one soil cell under pressure."""
+    """State of one soil cell under a wheel."""
 
     pressure: float  # Pressure [Pa]
     sinkage: float  # Plastic sinkage z [m]
-    yielded: float  # Yield pressure q [Pa]
+    yielded: float  # Yield pressure q of the cell [Pa]
     hardened: float  # Sinkage z_q of untouched soil at this yield pressure [m]
     level: float  # Pressure divided by yield pressure up to which the cell is elastic [-]
 
 
 class Pressed(NamedTuple):
-    """Reaction of the soil on one wheel."""
+    """Force of the soil on one wheel, with the contact area and the deflection of the tyre."""
 
     load: float  # Force along the ground normal [N]
-    push: float  # Compaction resistance at the wheel centre [N], forward positive: negative in forward travel
+    push: float  # Compaction resistance as a forward force at the wheel centre [N], negative in forward travel
     edge: float  # Force to the left [N], from rut walls and from sliding down into a rut
     area: float  # Contact area [m2]
     length: float  # Contact length [m]
@@ -94,7 +94,7 @@ class Pressed(NamedTuple):
 def load_cell(soil: Bearing, k: float, E: float, factor: float, D: float, before: SoilCell) -> SoilCell:
     """Return the state of a soil cell under a wheel at the depth `D` [m], from its state `before` in the previous step.
 
-    `k` [Pa/m^n] and `E` [Pa/m] are the moduli of the module docstring; `factor` multiplies the sinkage under slip [-].
+    `k` [Pa/m^n] and `E` [Pa/m] are the moduli of sinkage and elastic deflection; `factor` multiplies the sinkage [-].
     """
     _, z, q, z_q, level = before
     trial = E * (D - z)
@@ -138,7 +138,7 @@ def harden(n: float, k: float, E: float, trial: float, q: float, z_q: float) -> 
 
 @kernel
 def hold_cell(E: float, D: float, cells: AnyArray, at: Cell) -> float:
-    """Return the pressure [Pa] on a stored cell at the depth `D` [m], or -1 if the cell yields or is not stored."""
+    """Return the pressure [Pa] on a stored cell at the depth `D` [m], or -1 if the cell yields or is not yet stored."""
     tile, y, x = at
     if tile < 0:
         return -1.0
@@ -153,7 +153,7 @@ def hold_cell(E: float, D: float, cells: AnyArray, at: Cell) -> float:
 
 @kernel
 def yield_cell(soil: Bearing, k: float, E: float, factor: float, D: float, cells: AnyArray, at: Cell) -> float:
-    """Return the pressure on a yielding cell [Pa] and store its state. A cell not stored so far is untouched soil."""
+    """Return the pressure [Pa] on a yielding cell and store its new state. A cell without a tile is untouched soil."""
     tile, y, x = at
     if tile < 0:
         return load_cell(soil, k, E, factor, D, SoilCell(0.0, 0.0, 0.0, 0.0, 0.0)).pressure
@@ -184,7 +184,7 @@ def press_cell(
 
 @kernel
 def window(middle: float, reach: float, cells: int) -> tuple[int, int]:
-    """Return the range (first, last + 1) of cells within `reach` of `middle` along an axis, both in cell widths."""
+    """Return the first index and last index + 1 of the cells within `reach` of `middle` along an axis [cell widths]."""
     return max(ceil(middle - reach - 0.5), 0), min(floor(middle + reach - 0.5) + 1, cells)
 
 
@@ -198,7 +198,7 @@ def press(
     d: float,
     slip: float,
 ) -> Pressed:
-    """Press a wheel `d` [m] deep into the soil, update the soil cells, and return the reaction.
+    """Press a wheel `d` [m] deep into the soil, update the soil cells, and return the force of the soil on the wheel.
 
     `place` is the point of the untouched ground above the lowest point of the wheel. `frame` contains the ground normal
     and the forward and left vectors in world axes. `slip` is relative to the faster of rim and ground [-].

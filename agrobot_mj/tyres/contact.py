@@ -1,4 +1,4 @@
-"""Tyre model that uses MuJoCo's frictional contact, for comparison with tyre laws.
+"""Tyre model that uses MuJoCo's frictional contact instead of a tyre law, for comparison with the tyre laws.
 
 The contact has no slip law: sliding is viscous, the cornering stiffness is proportional to speed and to `impratio`, and
 a tractor without a brake creeps down slopes.
@@ -23,13 +23,13 @@ class Contact(TyreBase):
 
     @property
     def native(self) -> NativeContact:
-        """Settings of the MuJoCo contact."""
+        """Settings of the MuJoCo contact between wheel and ground."""
         return NativeContact(self.friction, self.impratio)
 
     def structure(self) -> Structure:
-        """Return a carcass without damping, rolling resistance or scrubbing moment."""
+        """Return carcass parameters without damping, rolling resistance or scrubbing moment."""
         return Structure(relaxation_radii=1.0, bristle_damping_s=0.0)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[LinearLaw, LinearLaw]:
-        """Return laws with zero force, because MuJoCo computes the force."""
+        """Return tyre laws with zero force for a front and a rear tyre, because MuJoCo computes the force."""
         return LinearLaw(0.0, 0.0), LinearLaw(0.0, 0.0)

@@ -23,9 +23,10 @@ from agrobot_mj.terrain.grid import Ground, height_and_gradient
 REACH = 0.8
 """Half the length of the evaluated ground divided by the wheel radius [-]; contact is possible up to 53 deg ahead."""
 BLEND = 0.005
-"""Difference of penetrations below which two points share the load [m]. Assumed value: 1/3 of the tyre deflection."""
+"""Difference of penetrations below which two contact points share the load [m]. Assumed value: 1/3 of the
+deflection."""
 ALONG = 0.01
-"""Minimum component of the horizontal wheel direction across grid lines [-]; smaller components are treated as zero."""
+"""Minimum component of the horizontal wheel direction across grid lines [-]. A smaller component is treated as zero."""
 END, COLUMN, ROW = range(3)
 """Types of segment ends: end of the polyline, crossing of a column of nodes, and crossing of a row of nodes."""
 
@@ -52,7 +53,7 @@ class Node(NamedTuple):
 
 
 class Spot(NamedTuple):
-    """Point on the polyline of the ground."""
+    """Point on the polyline of the ground, relative to the wheel centre."""
 
     distance: float  # Distance D from the wheel centre [m]
     s: float  # Distance ahead of the wheel centre [m]
@@ -61,7 +62,7 @@ class Spot(NamedTuple):
 
 
 class Places(NamedTuple):
-    """Candidates for the contact point, found so far along the polyline of the ground."""
+    """Candidates for the contact point, updated while the polyline of the ground is followed."""
 
     best: Spot  # Point nearest to the wheel centre
     beside: Spot  # Local minimum of the distance next to `best`, the second nearest to the wheel centre
@@ -93,7 +94,7 @@ def node_at(ground: Ground, plane: WheelPlane, s: float, kind: int) -> Node:
 
 @kernel
 def spot_on(a: Node, b: Node, u: float) -> Spot:
-    """Return the point at the fraction `u` of the segment from `a` to `b`."""
+    """Return the point at the fraction `u` of the ground segment from the end `a` to the end `b`."""
     s, w = a.s + u * (b.s - a.s), a.w + u * (b.w - a.w)
     D = sqrt(s * s + w * w)
     s_left, w_left = a.s_left + u * (b.s_left - a.s_left), a.w_left + u * (b.w_left - a.w_left)
@@ -102,7 +103,7 @@ def spot_on(a: Node, b: Node, u: float) -> Spot:
 
 @kernel
 def with_place(places: Places, found: Spot) -> Places:
-    """Return the candidates after adding `found`, the next local minimum of the distance from the wheel centre."""
+    """Return the candidates updated with `found`, the next local minimum of the distance from the wheel centre."""
     best, beside, ridge, last, gap = places
     if found.distance < best.distance:
         return Places(found, last, gap, found, gap)
@@ -113,7 +114,7 @@ def with_place(places: Places, found: Spot) -> Places:
 
 @kernel
 def first_crossing(origin: float, ahead: float, first: float, spacing: float, reach: float) -> tuple[float, float]:
-    """Return the position of the first grid-line crossing beyond `-reach`, and the spacing of crossings [m]."""
+    """Return the position of the first grid-line crossing beyond `-reach` [m], and the spacing of the crossings [m]."""
     if abs(ahead) < ALONG:
         return inf, inf
     start = (origin - reach * ahead - first) / spacing
@@ -123,7 +124,7 @@ def first_crossing(origin: float, ahead: float, first: float, spacing: float, re
 
 @kernel
 def places_on(ground: Ground, plane: WheelPlane, reach: float) -> Places:
-    """Return the candidates for the contact point along the polyline of the ground."""
+    """Return the candidates for the contact point within `reach` [m] ahead of and behind the wheel centre."""
     x, step_x = first_crossing(plane.x, plane.ahead[0], ground.x0, ground.spacing, reach)
     y, step_y = first_crossing(plane.y, plane.ahead[1], ground.y0, ground.spacing, reach)
     places = Places(NOWHERE, NOWHERE, NOWHERE, NOWHERE, NOWHERE)
@@ -152,7 +153,7 @@ def places_on(ground: Ground, plane: WheelPlane, reach: float) -> Places:
 
 @kernel
 def envelope(ground: Ground, radius: float, centre: Vector, axle: Vector) -> tuple[Vector, float]:
-    """Return the direction of the ground force on a wheel, and the penetration in this direction [m]."""
+    """Return the unit vector of the ground force on a wheel, and the penetration of the wheel in this direction [m]."""
     level = sqrt(axle[0] * axle[0] + axle[1] * axle[1])
     if level < 1e-6:  # the wheel lies on its side
         return (0.0, 0.0, 1.0), height_and_gradient(ground, centre[0], centre[1])[0] - centre[2]

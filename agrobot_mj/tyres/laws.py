@@ -1,4 +1,4 @@
-"""Parameters of the four tyres for the compiled kernel, and the physics step of one wheel, common to all tyre laws."""
+"""Parameters of the four tyres for compiled functions, and the physics step of one wheel, common to all tyre laws."""
 
 from math import atan, exp, sqrt
 
@@ -47,7 +47,7 @@ RESTING = 0.001
 
 
 def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
-    """Return the parameters of the four tyres of a tractor."""
+    """Return the parameters of the four tyres of a tractor for the compiled functions."""
     structure = check_type(tyre.structure(), Structure, "the tyre", tyre.kind, "structure")
     front, rear = check_pair(
         tyre.coefficients(tractor), "the law of a front and of a rear tyre", "the tyre", tyre.kind, "coefficients"
@@ -97,7 +97,8 @@ def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
 
 
 def brush(K_x: Array, a: Array, b: Array) -> tuple[Array, Array]:
-    """Return the torsional stiffness of patches [N m/rad], and the rolling distance in which a twist decays [m].
+    """Return the torsional stiffness of contact patches [N m/rad], and the distance in which rolling removes a twist
+    [m].
 
     `K_x` are the slip stiffnesses [N], `a` and `b` the half lengths and widths of the patches [m]. At rest, bristles of
     stiffness c on an area 2 a times b have the slip stiffness K_x = 2 c a^2 and the torsional stiffness 2 c a (a^2 / 3
@@ -110,7 +111,7 @@ def brush(K_x: Array, a: Array, b: Array) -> tuple[Array, Array]:
 
 
 def with_soil_memory(ground: Ground, bearing: Bearing) -> Ground:
-    """Return the ground, with a soil memory for plastic soil. Raises ValueError if the soil cells are too small."""
+    """Return `ground`, with a soil memory if `bearing` is plastic soil. Raises ValueError for too small soil cells."""
     if bearing.k_phi <= 0.0:
         return ground
     try:
@@ -120,7 +121,7 @@ def with_soil_memory(ground: Ground, bearing: Bearing) -> Ground:
 
 
 def treads(bearing: Bearing, tractor: TractorParameters) -> tuple[Tread, Tread]:
-    """Return the geometry and carcass stiffness of a front and a rear tyre, from static deflections on firm ground."""
+    """Return geometry and carcass stiffness of a front and a rear tyre, from the static deflections on firm ground."""
     found = []
     for wheel in tractor.wheels:
         R, b, sunk, crown = wheel.radius, wheel.width, wheel.deflection, bearing.crown_share * wheel.width
@@ -132,7 +133,7 @@ def treads(bearing: Bearing, tractor: TractorParameters) -> tuple[Tread, Tread]:
 
 @kernel
 def scrub(tyres: TyreSet, i: int, patch: ContactPatch, load: float, grip: float, dt: float, bristle: Array) -> float:
-    """Return the scrubbing moment about the ground normal [N m], and update the patch twist `bristle[2]` [rad].
+    """Return the scrubbing moment about the ground normal [N m], and update the twist of the patch `bristle[2]` [rad].
 
     The patch slides at the moment mu N b / sqrt(8), with the friction mu, load N and patch width b [Eaton2006].
     """
@@ -155,7 +156,7 @@ def aligning(tyres: TyreSet, slip_y: float, f_y: float) -> float:
 
 @kernel
 def slip_stiffness(law: TyreLaw, load: float, deflection: float, footing: Footing, area: float, length: float) -> Pair:
-    """Return the longitudinal and the lateral slip stiffness: force divided by slip, for small slip [N]."""
+    """Return the longitudinal and the lateral slip stiffness [N], which is force divided by slip for small slip."""
     # both directions in one call, because they are independent at small slip
     force = law.force(Slip(-SMALL, -SMALL, load, deflection, 1.0, footing, 1.0, area, length))
     return force.x / SMALL, force.y / SMALL
@@ -180,7 +181,7 @@ def direction_of_travel(v_x: float, rim: float) -> float:
 
 @kernel
 def rut_share(patch: ContactPatch, s: float) -> float:
-    """Return the factor on the motion resistance of the soil for a wheel that also slides sideways [-].
+    """Return a factor on the motion resistance of the soil for a wheel that also slides sideways [-].
 
     The factor of a rolling wheel (slip `s` = 0) is 1. For a locked or spinning wheel (`s` = 1) the factor is the
     squared cosine of the angle between velocity and wheel heading.
@@ -191,7 +192,7 @@ def rut_share(patch: ContactPatch, s: float) -> float:
 
 @kernel
 def carry(tyres: TyreSet, i: int, ground: Ground, patch: ContactPatch, centre: Vector, slip: float) -> Pressed:
-    """Return the ground reaction on wheel `i` for a given longitudinal slip, from a tyre spring or yielding soil."""
+    """Return the ground reaction on wheel `i` at a given longitudinal slip, from a tyre spring or yielding soil."""
     d = patch.penetration
     if d <= 0.0:
         return Pressed(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -203,7 +204,7 @@ def carry(tyres: TyreSet, i: int, ground: Ground, patch: ContactPatch, centre: V
 
 @kernel
 def held_share(slip: Slip, force: TyreForce, K: tuple[float, float], last_load: float) -> float:
-    """Return the fraction of the bristle deflection that remains after sliding [-].
+    """Return the fraction of the bristle (carcass) deflection that remains after sliding [-].
 
     Sliding limits the deflection of a locked wheel. When the load increases, tread that has slid adheres again without
     deflection. With a deflection, the tread would return more energy than it received.
@@ -237,7 +238,7 @@ def wheel_step(
 ) -> None:
     """Advance wheel `i` by one physics step of `dt` [s]; update its `bristle` (3,), `wrench` (6,) and `report` (6,).
 
-    The wrench acts at the wheel centre. If `whole` is false, only the load in `report` is updated.
+    The wrench (force and torque) acts at the wheel centre. If `whole` is false, only the load in `report` is updated.
     """
     patch = find_patch(ground, tyres.radius[i], wheel)
     slipped = min(abs(bristle[0]) / max(tyres.relaxation[i, 0], SHORTEST), 1.0)

@@ -13,11 +13,11 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce
 
 STIFFNESS_PER_LOAD = (2.0, 20.0)
-"""Plausible cornering stiffness divided by load [1/rad]. Assumed limits; the ratio is 3.5-9 on soil and 15 on roads."""
+"""Plausible range of cornering stiffness divided by load [1/rad]. Assumed limits; 3.5-9 on soil and 15 on roads."""
 
 
 def unlike_a_tyre(key: str, C_alpha: float, load: float) -> str:
-    """Return a message about an implausible stiffness `C_alpha` [N/rad] at a load [N], or an empty string if plausible.
+    """Return a message about an implausible cornering stiffness `C_alpha` [N/rad] at a `load` [N], or an empty string.
 
     The message begins with `key`.
     """
@@ -29,19 +29,19 @@ def unlike_a_tyre(key: str, C_alpha: float, load: float) -> str:
 
 
 class LinearLaw(NamedTuple):
-    """Coefficients of a linear tyre."""
+    """Coefficients of the linear force law of one tyre."""
 
     C_x: float  # Longitudinal slip stiffness [N]
     C_alpha: float  # Cornering stiffness [N/rad]
 
     def force(self, slip: Slip) -> TyreForce:
-        """Return the force for a given slip. Friction is unlimited: bristles never slide; the used friction is 0."""
+        """Return the force for a given slip. Friction is unlimited: bristles never slide, and no friction is used."""
         F_x = -self.C_x * slip.x
         F_l = -self.C_alpha * slip.y  # [agrobots: lateralforces]
         return TyreForce(F_x, F_l, 1.0, 0.0)
 
     def drag(self, slip: Slip, direction: float) -> float:
-        """Return 0: firm ground has no motion resistance."""
+        """Return 0 [N], because firm ground has no motion resistance."""
         return 0.0
 
 
@@ -80,11 +80,11 @@ class Linear(TyreBase):
                 yield line
 
     def structure(self) -> Structure:
-        """Return the parameters of the carcass, without a contact patch."""
+        """Return the parameters of the carcass. The tyre has no contact patch."""
         return Structure(self.relaxation_radii, self.bristle_damping_s, self.rolling_resistance)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[LinearLaw, LinearLaw]:
-        """Return the coefficients of the tyre law, for a front tyre and for a rear tyre."""
+        """Return the coefficients of the linear law for a front tyre and for a rear tyre."""
         return (
             LinearLaw(self.front_slip_stiffness_n, self.front_cornering_stiffness_n_rad),
             LinearLaw(self.rear_slip_stiffness_n, self.rear_cornering_stiffness_n_rad),

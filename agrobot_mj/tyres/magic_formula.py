@@ -27,15 +27,15 @@ from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force
 LEAST_SHARE = 0.2
 """Minimum friction and stiffness per load, relative to their values at the reference load [-]. Assumed value."""
 LINEAR = 1e-4  # Normalised slip below which the force follows from the slip stiffness, within 1e-8 [-]
-NO_PEAK = 1e4  # Upper limit of B s at the peak [-]; curves with E near 1 have no peak below
-NEWTON_STEPS = 60  # Number of steps of Newton's method for B s at the peak, which then converges to rounding
+NO_PEAK = 1e4  # Upper limit of B s at the peak [-]; curves with E near 1 have no peak below this limit
+NEWTON_STEPS = 60  # Number of Newton steps for B s at the peak, after which the error is of the order of rounding
 KNOWN_LOADS = (0.5, 2.0)
 """Range of load divided by reference load [-] in which the linear change of friction and stiffness per load is valid.
 Assumed value: the load range of a tyre of one size and pressure."""
 
 
 class CurveLaw(NamedTuple):
-    """Coefficients of the Magic Formula in one direction, see `Curve`."""
+    """Coefficients of the Magic Formula in one direction, with the meaning of the keys of `Curve`."""
 
     mu: float
     mu_load: float
@@ -47,7 +47,7 @@ class CurveLaw(NamedTuple):
 
 @kernel
 def peak_and_stiffness(F_z: float, df: float, curve: CurveLaw) -> tuple[float, float]:
-    """Return the peak force D [N] and the slip stiffness K [N] at the load `F_z` [N]."""
+    """Return peak force D [N] and slip stiffness K [N] at the load `F_z` [N], which differs by `df` [-] from F_z0."""
     D = F_z * curve.mu * max(1.0 + curve.mu_load * df, LEAST_SHARE)
     K = F_z * curve.k * max(1.0 + curve.k_load * df, LEAST_SHARE)
     return D, K
@@ -55,22 +55,22 @@ def peak_and_stiffness(F_z: float, df: float, curve: CurveLaw) -> tuple[float, f
 
 @kernel
 def pure_force(s: float, D: float, K: float, C: float, E: float) -> float:
-    """Return the force F0 [N] at slip `s` for peak D [N], slip stiffness K [N], shape C and curvature E."""
+    """Return the force F0 [N] at slip `s` for peak D [N], slip stiffness K [N], shape C and curvature factor E."""
     x = K / (C * D) * s
     return D * sin(C * atan(x - E * (x - atan(x))))
 
 
 class MagicLaw(NamedTuple):
-    """Coefficients of a Magic Formula tyre."""
+    """Coefficients of the Magic Formula for one tyre."""
 
     F_z0: float  # Reference load [N]
     along: CurveLaw
     across: CurveLaw
     rho_peak: float  # Normalised slip at the peak of the curve that reaches its peak first [-]
-    anisotropy: float  # Sliding anisotropy, see `MagicFormula` [-]
+    anisotropy: float  # Anisotropy of sliding friction [-], see `MagicFormula.sliding_anisotropy`
 
     def force(self, slip: Slip) -> TyreForce:
-        """Return the force for a given combined slip; the friction factor of the ground scales the peak forces."""
+        """Return the force for a given combined slip. The friction factor of the ground multiplies the peak forces."""
         F_z, along, across = slip.load, self.along, self.across
         df = (F_z - self.F_z0) / self.F_z0
         D_x, K_x = peak_and_stiffness(F_z, df, along)
@@ -90,7 +90,7 @@ class MagicLaw(NamedTuple):
         return TyreForce(-used * D_x * m.x, -used * D_y * m.y, held_by_grip(rho, self.rho_peak, slip.v_roll), used)
 
     def drag(self, slip: Slip, direction: float) -> float:
-        """Return 0: firm ground has no motion resistance."""
+        """Return 0 [N], because firm ground has no motion resistance."""
         return 0.0
 
 
@@ -139,7 +139,7 @@ class AxleTyre(Spec):
     """Curve of the longitudinal force as a function of the slip ratio [-]."""
 
     def clamped(self, df: float) -> str:
-        """Return a phrase on coefficients that `LEAST_SHARE` limits at a load change `df`, or an empty string."""
+        """Return a phrase about coefficients that `LEAST_SHARE` limits at the relative load change `df` [-], or ""."""
         curves = (self.lateral, self.longitudinal)
         held = {
             "grip": any(1 + curve.mu_load * df < LEAST_SHARE for curve in curves),
@@ -149,7 +149,7 @@ class AxleTyre(Spec):
         return (f"; beyond it {names} per load stay at {LEAST_SHARE:g} times the reference") if names else ""
 
     def law(self, static_load: float, anisotropy: float = 0.0) -> MagicLaw:
-        """Return the law of one tyre with the static load `static_load` [N]."""
+        """Return the tyre law of one tyre with the static load `static_load` [N]."""
         along, across, given = self.longitudinal, self.lateral, self.reference_load_n
         reference = static_load if given is None else given
         return MagicLaw(reference, along.law(), across.law(), min(across.peak, along.peak), anisotropy)
@@ -171,11 +171,11 @@ class MagicFormula(CarcassTyre):
     """Pneumatic trail at small slip, the lever arm of the aligning moment [m]. Assumed value (range 0.02-0.05)."""
 
     def structure(self) -> Structure:
-        """Return the parameters of the carcass and contact patch."""
+        """Return the parameters of the carcass and the contact patch."""
         return super().structure()._replace(rolling_resistance=self.rolling_resistance, trail_m=self.trail_m)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[MagicLaw, MagicLaw]:
-        """Return the coefficients of the tyre law, for a front tyre and for a rear tyre."""
+        """Return the coefficients of the Magic Formula for a front tyre and for a rear tyre."""
         a = self.sliding_anisotropy
         return self.front.law(tractor.front_wheel.load, a), self.rear.law(tractor.rear_wheel.load, a)
 

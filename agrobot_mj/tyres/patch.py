@@ -1,4 +1,4 @@
-"""Common parts of all tyre laws: contact kinematics, vertical load, relaxation, and the wrench at the contact patch.
+"""Functions common to all tyre laws: contact kinematics, relaxation, rolling resistance, and the wrench on the wheel.
 
 The height grid under a wheel gives a patch frame (ground normal n, forward f, left l), the penetration and the sliding
 velocities. The carcass is a bristle with the deflection z and the damping time tau in each direction,
@@ -10,8 +10,9 @@ sigma; at rest the bristle acts like a spring. The tyre law computes the force f
 the friction limit is exceeded. The bristle is integrated exactly over a step and therefore stable at any speed.
 
 The stiffness c of the carcass spring is independent of the load; sigma is the slip stiffness at the current load
-divided by c, so that a lightly loaded tyre relaxes faster. At a force F the deflection z is the sum of the elastic part
-F / c and the slid tread z - F / c. Tread that slid before a load increase adheres again without contributing force.
+divided by c, so that a lightly loaded tyre relaxes faster. At a force F the deflection z is the sum of the elastic
+deflection F / c and the slid distance z - F / c. Tread that slid before a load increase adheres again without
+contributing force.
 
 The longitudinal force of a driven wheel acts at the effective rolling radius r_e, which follows from the power balance:
 the free radius minus a third of the deflection [Pacejka2012].
@@ -35,7 +36,7 @@ CREEP_SPEED = 0.02
 
 
 class TyreSet(NamedTuple):
-    """Parameters of the four tyres, in the order fl, fr, rl, rr, for the compiled kernel."""
+    """Parameters of the four tyres, in the order fl, fr, rl, rr, for the compiled functions."""
 
     front: TyreLaw  # Law of the front tyres: a named tuple whose class selects the compiled code
     rear: TyreLaw  # Law of the rear tyres, of the same class
@@ -49,16 +50,16 @@ class TyreSet(NamedTuple):
     twist_relaxation: Array  # Length over which rolling removes the twist of the patch [m], shape (4,)
     scrub_arm: Array  # Maximum scrubbing moment divided by grip times load [m], shape (4,)
     load_follows: bool
-    """Whether the load acts at the contact patch, which the lateral force displaces, instead of in the wheel plane."""
-    bristle_damping: float  # Damping time tau of the bristle, see the module docstring [s]
+    """Whether the load acts at the contact patch, which the lateral force displaces, or else in the wheel plane."""
+    bristle_damping: float  # Damping of the carcass divided by its stiffness, tau [s]
     rolling_resistance: float  # Rolling resistance moment divided by load times rolling radius [-]
     patch_half_length: Array  # Half the contact length [m], shape (4,)
     trail: float  # Pneumatic trail at small slip [m]
-    cone_index: float  # Cone index where the ground has no value [Pa], or 0 for laws without a cone index
+    cone_index: float  # Cone index of ground without a cone index [Pa]; 0 for laws that use no cone index
     bearing: Bearing  # Parameters of yielding soil, or `FIRM`
     treads: tuple[Tread, Tread]  # Geometry of a front and a rear tyre on yielding soil
-    grip: Array  # Factor on the friction of each wheel, set by faults, shape (4,) [-]
-    carcass: Array  # Factors on slip stiffness and rolling resistance of each wheel, set by faults, shape (4, 2) [-]
+    grip: Array  # Factor on the friction of each wheel [-], set by faults, shape (4,)
+    carcass: Array  # Factors on slip stiffness and rolling resistance of each wheel [-], set by faults, shape (4, 2)
 
 
 class WheelMotion(NamedTuple):
@@ -106,7 +107,7 @@ def contact_plane(ground: Ground, radius: float, centre: Vector, axle: Vector) -
 
 @kernel
 def find_patch(ground: Ground, radius: float, wheel: WheelMotion) -> ContactPatch:
-    """Return the contact between the ground and a wheel with the free radius `radius` [m]."""
+    """Return the contact patch between the ground and a wheel with the free radius `radius` [m]."""
     axle, velocity, rotation = wheel.axle, wheel.velocity, wheel.rotation
     n, penetration = contact_plane(ground, radius, wheel.centre, axle)
     f = unit(cross(axle, n))
@@ -122,21 +123,21 @@ def find_patch(ground: Ground, radius: float, wheel: WheelMotion) -> ContactPatc
 
 @kernel
 def lowered(patch: ContactPatch, share: float) -> ContactPatch:
-    """Return the patch with its lever arm multiplied by `share` [-], for contact at the bottom of a rut."""
+    """Return the patch with its lever arm multiplied by `share` [-], for a wheel at the bottom of a rut."""
     p, arm = patch, scaled(share, patch.arm)
     return ContactPatch(p.penetration, p.rate, p.n, p.f, p.l, arm, p.v_x, p.v_y, p.spin, p.turn)
 
 
 @kernel
 def moved_aside(patch: ContactPatch, by: float) -> ContactPatch:
-    """Return the patch displaced to the left by `by` [m], relative to the wheel."""
+    """Return the patch displaced to the left of the wheel by `by` [m]."""
     p, arm = patch, plus(patch.arm, scaled(by, patch.l))
     return ContactPatch(p.penetration, p.rate, p.n, p.f, p.l, arm, p.v_x, p.v_y, p.spin, p.turn)
 
 
 @kernel
 def footing_of(tyres: TyreSet, i: int, ground: Ground, x: float, y: float) -> Footing:
-    """Return the ground properties below wheel `i`, at (x, y) [m]."""
+    """Return friction, cone index and rolling resistance of the ground below wheel `i`, at (x, y) [m]."""
     friction, cone_index = surface_at(ground.surface, x, y)
     soil = cone_index if cone_index > 0.0 else tyres.cone_index
     return Footing(friction * tyres.grip[i], soil, rolling_at(ground.surface, x, y))
@@ -155,7 +156,7 @@ def relax(z: float, v_slip: float, v_roll: float, sigma: float, dt: float) -> fl
 
 @kernel
 def soft_sign(v: float, width: float) -> float:
-    """Return tanh(v / width), a smooth sign of `v`; tanh is not evaluated if the result rounds to 1."""
+    """Return tanh(v / width), a smooth sign of `v`. Where tanh rounds to 1 or -1, this number is returned directly."""
     x = v / width
     if abs(x) > 20.0:
         return 1.0 if x > 0.0 else -1.0
@@ -176,7 +177,7 @@ def rolling_torque(tyres: TyreSet, i: int, load: float, r_e: float, spin: float,
 
 @kernel
 def add_wrench(wrench: Array, patch: ContactPatch, axle: Vector, at_patch: Vector, extra: Vector) -> None:
-    """Write the force and the torque about the wheel centre into `wrench` (6,), in world axes.
+    """Write the force and the torque on a wheel, about the wheel centre, into `wrench` (6,) in world axes.
 
     `at_patch` contains the forces at the patch: forward, left and along the normal [N]. `extra` contains a forward
     force at the wheel centre [N], a torque about the axle [N m] and a moment about the normal [N m].

@@ -49,17 +49,17 @@ def rebound_in_range(mpa_m: float) -> float:
 
 
 class RutsLaw(NamedTuple):
-    """Soil strength and tyre dimensions for one tyre."""
+    """Soil strength and tyre dimensions for the force law of one tyre."""
 
     cohesion: float  # Cohesion c [Pa]
     tan_phi: float  # Tangent of the friction angle [-]
     K: float  # Shear deformation modulus K: displacement at 63 % of the strength [m]
     radius: float  # Free radius of the tyre [m]
     crown: float  # Crown radius of the tyre [m]
-    anisotropy: float  # Sliding anisotropy, see `Ruts` [-]
+    anisotropy: float  # Anisotropy of sliding friction [-], see `Ruts.sliding_anisotropy`
 
     def force(self, slip: Slip) -> TyreForce:
-        """Return the force for a given combined slip."""
+        """Return the shear force of the soil for a given combined slip."""
         L, A = slip.length, slip.area
         if L <= 0.0:  # elliptical patch on ground without sinkage
             L = 2.0 * sqrt(2.0 * self.radius * slip.deflection)
@@ -71,7 +71,7 @@ class RutsLaw(NamedTuple):
         return TyreForce(-used * H * m.x, -used * H * m.y, held_by_grip(j, SHEARED, slip.v_roll), used)
 
     def drag(self, slip: Slip, direction: float) -> float:
-        """Return 0: the compaction resistance is a separate force, see `bearing`."""
+        """Return 0 [N], because the compaction resistance is a separate force (see `bearing`)."""
         return 0.0
 
 
@@ -106,7 +106,7 @@ class Ruts(CarcassTyre):
 
     @property
     def judged(self) -> bool:
-        """Whether validation checks apply acceptance limits: always False, because the theories assume firm ground."""
+        """Whether validation checks apply acceptance limits: always false, because the theories assume firm ground."""
         return False
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
@@ -121,7 +121,7 @@ class Ruts(CarcassTyre):
                 yield f"k_phi_kn: a rigid {wheel.axle} wheel {deep}, more than a third of its radius of {R:.2g} m"
 
     def structure(self) -> Structure:
-        """Return the carcass and patch parameters, with the internal loss [Brixius1987] as rolling resistance."""
+        """Return the parameters of carcass and patch, with the internal loss [Brixius1987] as rolling resistance."""
         bearing = Bearing(
             k_c=1e3 * self.k_c_kn,
             k_phi=1e3 * self.k_phi_kn,

@@ -38,13 +38,13 @@ the pull of a driven tyre is half of the pull on firm soil, and the lateral peak
 
 @kernel
 def mobility_number(b: float, d: float, h: float, CI: float, W: float, delta: float) -> float:
-    """Return the mobility number B_n of [Brixius1987] from tyre size, cone index, load and deflection [-]."""
+    """Return the mobility number B_n [-] of [Brixius1987] from tyre size, cone index, load and deflection."""
     return float(CI * b * d / W * (1.0 + 5.0 * delta / h) / (1.0 + 3.0 * b / d))
 
 
 @kernel
 def lateral_number(b: float, d: float, h: float, CI: float, W: float, delta: float) -> float:
-    """Return the mobility number M of [GeeCloughSommer1981] from tyre size, cone index, load and deflection [-]."""
+    """Return the mobility number M [-] of [GeeCloughSommer1981] from tyre size, cone index, load and deflection."""
     return float(CI * b * d / W * sqrt(max(delta, 1e-4) / h) / (1.0 + b / (2.0 * d)))
 
 
@@ -62,16 +62,16 @@ def lateral_shape(
 
 
 class SoilLaw(NamedTuple):
-    """Dimensions and carcass type of one tyre."""
+    """Dimensions and carcass type of one tyre, for the force law on soil."""
 
     b: float  # Section width [m]
     d: float  # Diameter [m]
     h: float  # Section height [m]
     radial: float  # Carcass type: 1 radial, 0 bias [-]
-    anisotropy: float  # Sliding anisotropy, see `Soil` [-]
+    anisotropy: float  # Anisotropy of sliding friction [-], see `Soil.sliding_anisotropy`
 
     def force(self, slip: Slip) -> TyreForce:
-        """Return the force for a combined slip; the ground friction scales the peak forces, not the slip stiffness."""
+        """Return the force for a combined slip. The ground friction scales the peak forces, not the slip stiffness."""
         W, grip, CI = slip.load, slip.footing.grip, slip.footing.cone_index
         B_n = mobility_number(self.b, self.d, self.h, CI, W, slip.deflection)
         D_x = 0.88 * grip * (1.0 - exp(-0.1 * B_n)) * W
@@ -83,7 +83,7 @@ class SoilLaw(NamedTuple):
         return TyreForce(-used * D_x * m.x, -used * D_y * m.y, held_by_grip(rho, SATURATED, slip.v_roll), used)
 
     def drag(self, slip: Slip, direction: float) -> float:
-        """Return the motion resistance of the soil [N], without the internal loss of the tyre."""
+        """Return the motion resistance of the soil as a forward force [N], without the internal loss of the tyre."""
         s, W = slip_of_faster(slip), slip.load
         B_n = mobility_number(self.b, self.d, self.h, slip.footing.cone_index, W, slip.deflection)
         if self.radial > 0.5:
@@ -103,7 +103,7 @@ class Soil(CarcassTyre):
     """Section height divided by section width of tyres without a size code [-]. Assumed value (range 0.7-0.85)."""
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Yield a message for each wheel on soil that is softer than the valid range of the fits."""
+        """Yield a message for each wheel on soil that is softer than the valid range of the force law."""
         for load, wheel in zip(loads, tractor.wheels, strict=True):
             d, b, h = 2 * wheel.radius, wheel.width, self.section_height(wheel)
             M = lateral_number(b, d, h, 1e3 * self.cone_index_kpa, load, load / wheel.stiffness)
@@ -112,11 +112,11 @@ class Soil(CarcassTyre):
                 yield f"cone_index_kpa: {soft}: the mobility number is {M:.2g}, below the valid minimum of {SOFTEST:g}"
 
     def structure(self) -> Structure:
-        """Return the carcass and patch parameters, with the internal loss [Brixius1987] as rolling resistance."""
+        """Return the parameters of carcass and patch, with the internal loss [Brixius1987] as rolling resistance."""
         return super().structure()._replace(rolling_resistance=OWN_LOSS, cone_index_pa=1e3 * self.cone_index_kpa)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[SoilLaw, SoilLaw]:
-        """Return the coefficients of the tyre law, for a front tyre and for a rear tyre."""
+        """Return the dimensions and carcass type of a front tyre and of a rear tyre."""
         front, rear = (
             SoilLaw(w.width, 2 * w.radius, self.section_height(w), self.radial(w), self.sliding_anisotropy)
             for w in tractor.wheels
@@ -124,7 +124,7 @@ class Soil(CarcassTyre):
         return front, rear
 
     def section_height(self, wheel: AxleWheel) -> float:
-        """Return the section height of a wheel's tyre [m], from its size code or from `section_height_share`."""
+        """Return the section height of the tyre of a wheel [m], from its size code or from `section_height_share`."""
         return self.section_height_share * wheel.width if wheel.size is None else wheel.size.section_height
 
     def radial(self, wheel: AxleWheel) -> float:
