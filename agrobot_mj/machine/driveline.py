@@ -25,11 +25,11 @@ TORQUE_N_M, POWER_KW, STIFFNESS_N_M_RAD, DAMPING_N_M_S_RAD = 3000.0, 14.0, 6.0e4
 """Maximum torque [N m], maximum power [kW], stiffness [N m/rad] and damping [N m s/rad] of the drive of the compact
 tractor. Assumed values: the torque makes the wheels slip on firm ground; the power is 75 % of an 18.6 kW engine."""
 BRAKING_M_S2 = 3.55
-"""Deceleration by the brake [m/s2]: the minimum that [EU2015] requires of service brakes up to 30 km/h. With this
+"""Deceleration by the brake [m/s2]: the minimum that [EU2015] requires of service brakes up to 30 km/h. At this
 deceleration the brake holds the tractor on a slope of 21 deg (38 %); parking brakes must hold on a slope of 18 %."""
 
 
-ReleaseDeg = Annotated[float, Field(gt=0, le=60)]  # Steering angle at which a lock or a drive is released [deg]
+ReleaseDeg = Annotated[float, Field(gt=0, le=60)]  # Steering angle of the release of a lock or a drive [deg]
 
 
 class Driveline(Spec):
@@ -104,7 +104,7 @@ class Driveline(Spec):
         return self
 
     def strength(self, tractor: TractorParameters) -> "Strength":
-        """Return the maximum torque, power and brake torque, and the compliance; defaults scale with the size."""
+        """Return maximum torque, power, brake torque, stiffness and damping; the defaults scale with the machine."""
         mass = tractor.mass_kg / COMPACT.mass_kg
         moment = mass * (tractor.rear_wheel_radius_m / COMPACT.rear_wheel_radius_m)
         weight = tractor.mass_kg * tractor.rear_wheel_radius_m
@@ -128,9 +128,9 @@ def _given(value: float | None, default: float) -> float:
 
 
 class Strength(NamedTuple):
-    """Maximum torque, power and brake torque of a driveline, and its compliance."""
+    """Maximum torque, power and brake torque of a driveline, and its stiffness and damping."""
 
-    torque: float  # Relief torque of the hydrostat, summed over the driven wheels [N m]
+    torque: float  # Torque at which the relief valve of the drive opens, summed over the driven wheels [N m]
     power: float  # Maximum driving power [W]
     brake: float  # Brake torque, braking force times rear wheel radius [N m]
     stiffness: float  # Stiffness of trapped oil and shafts [N m/rad]
@@ -150,7 +150,7 @@ class DriveLaw(NamedTuple):
 
 
 class DriveMemory(NamedTuple):
-    """State of the pedal and the pump between two physics steps; the arrays are modified in place."""
+    """Position of the pedal and speed of the drive between two physics steps; the arrays are modified in place."""
 
     pedal: Array  # Pedal position in [-1, 1], shape (1,) [-]
     speed: Array  # Rim speed that corresponds to the oil flow [m/s], shape (1,)
@@ -171,13 +171,13 @@ def drive_law(driveline: Driveline, dt: float) -> tuple[DriveLaw, DriveMemory]:
 
 
 def reset_drive(memory: DriveMemory) -> None:
-    """Set the pedal to neutral and the oil flow to zero."""
+    """Set the pedal to neutral and the rim speed to zero."""
     memory.pedal[:], memory.speed[:] = 0.0, 0.0
 
 
 @kernel
 def drive_step(law: DriveLaw, memory: DriveMemory, voltage: float) -> float:
-    """Advance pedal and pump by one physics step; return the rim speed [m/s].
+    """Advance the pedal and the pump by one physics step, and return the rim speed [m/s].
 
     `voltage` is the voltage of the pedal valve [V], or NaN without power.
     """

@@ -1,4 +1,4 @@
-"""Size of a machine relative to the compact tractor, and warnings about parts that are implausible for its weight.
+"""Size of a machine relative to the compact tractor, and warnings about components that are implausible for its weight.
 
 Each class of parameters lists in `sized` the keys that scale with the size of the machine, and their exponents: a
 look-ahead distance scales with the length, a cornering stiffness with the axle load. The plausibility limits are wide,
@@ -23,14 +23,14 @@ LIGHTEST_KN_M3 = 4.0
 Assumed value, below the values of quads and light robots (7-10) and of the machines in the library (15-26)."""
 HIGHEST_BAR = 250.0  # Maximum pressure of a real steering system [bar]. Assumed value: 100-200 are common.
 LEAST_PULL, LEAST_POWER = 0.15, 0.07
-"""Minimum plausible driving force divided by weight [-]: force at the torque limit, and force at the power limit and
-path speed. Assumed values: the rolling resistance is 0.05-0.07 of the weight."""
+"""Minimum plausible driving force divided by weight [-]: at the torque limit, and at the power limit and the path
+speed. Assumed values: the rolling resistance is 0.05-0.07 of the weight."""
 COMPACT_WIDTH_M = 2.0
 """Working width of the compact tractor, the default of `path.swath_m` [m]. Assumed value (range 1.5-2.5)."""
 
 
 def fit_warnings(machine: Machine, scrubs: bool, speed: float) -> Iterator[str]:
-    """Yield a warning for each part that is implausible for the machine's weight or for the path `speed` [m/s].
+    """Yield a warning for each component that is implausible for the weight of the machine or the path `speed` [m/s].
 
     If the tyres resist steering at standstill (`scrubs`), the steering torque is also checked.
     """
@@ -100,7 +100,7 @@ def _drive(machine: Machine, hitched: HitchedBody | None, speed: float) -> Itera
 
 
 def ratios_of(tractor: TractorParameters, driveline: Driveline, implement: ImplementBase) -> dict[str, float]:
-    """Return the size ratios between a machine and the compact tractor by name [-].
+    """Return the ratios [-] of a machine's dimensions to those of the compact tractor, by name.
 
     The ratios compare wheelbase, track width, working width, turning radius, mass, static axle loads and full speed.
     The working width is the width of the implement if given; otherwise it scales with the track width.
@@ -120,6 +120,6 @@ def ratios_of(tractor: TractorParameters, driveline: Driveline, implement: Imple
 
 
 def _turning_radius(tractor: TractorParameters) -> float:
-    """Return the turning radius of the rear axle [m] at the steering limit of this tractor or of `COMPACT`, whichever
-    angle is smaller."""
+    """Return the turning radius of the rear axle [m] at the smaller of the steering limits of this tractor and
+    `COMPACT`."""
     return tractor.wheelbase_m / tan(radians(min(tractor.steer_limit_deg, COMPACT.steer_limit_deg)))

@@ -12,7 +12,7 @@ orifice: its flow decreases as sqrt(1 - p / p_supply), where the pressure p oppo
 
 The cylinder is described by its displacement per radian at the bicycle model's virtual wheel. The bicycle plant has a
 rigid cylinder; the MuJoCo plant adds the spring of the trapped oil. Bore and lever arm determine the steering rate. By
-default relief pressure, stiffness and damping follow from the front axle load.
+default relief pressure, stiffness and damping follow from the front axle load and the front tyre width.
 """
 
 from math import exp, inf, pi, sqrt
@@ -113,7 +113,7 @@ class Cylinder(Spec):
         return self.area * self.arm_m
 
     def column(self, tractor: TractorParameters, linkage: Linkage = UPRIGHT) -> "OilColumn":
-        """Return the properties of the oil column; default values scale with the load of the front axle."""
+        """Return the properties of the oil column. Defaults scale with front axle load and front tyre width."""
         bar, share = self.relief_pressure_bar, tractor.front_axle_load / COMPACT.front_axle_load
         size = share * tractor.front_wheel_width_m / COMPACT.front_wheel_width_m
         sized = RELIEF_MARGIN * linkage.parked_torque(tractor)
@@ -135,7 +135,7 @@ class OilColumn(NamedTuple):
 class ValveLaw(NamedTuple):
     """Parameters of a `Valve` for the compiled function `valve_step`, in SI units."""
 
-    lag: float  # Fraction of the spool's deviation that remains after a step, exp(-dt / time constant) [-]
+    lag: float  # Fraction of the deviation of the spool that remains after a step, exp(-dt / time constant) [-]
     dead_band: float  # Half width of the dead band about neutral [V]
     gain_left: float  # Flow per volt outside the dead band, steering left [m3/(s V)]
     gain_right: float  # Flow per volt outside the dead band, steering right [m3/(s V)]
@@ -144,10 +144,10 @@ class ValveLaw(NamedTuple):
 
 
 class ValveMemory(NamedTuple):
-    """State of the valve between two physics steps; the arrays are modified in place."""
+    """Delayed voltages of the valve between two physics steps; the arrays are modified in place."""
 
-    spool: Array  # Lagged voltage at the spool [V], shape (1,)
-    queue: Array  # Ring buffer of the delayed voltages [V], shape (delay steps + 1,)
+    spool: Array  # Voltage after the spool lag [V], shape (1,)
+    queue: Array  # Ring buffer of the input voltages during the delay [V], shape (delay steps + 1,)
     head: Index  # Index of the next element to write in the ring buffer, shape (1,)
 
 
@@ -171,7 +171,7 @@ def reset_valve(memory: ValveMemory) -> None:
 
 
 def worn_valve(law: ValveLaw, gain: float, dead_band: float) -> ValveLaw:
-    """Return a worn valve: flow multiplied by `gain` [-], dead band widened by `dead_band` [V] on each side."""
+    """Return the law of a worn valve: flow times `gain` [-], and dead band widened by `dead_band` [V] on each side."""
     if gain == 1.0 and dead_band == 0.0:
         return law
     return law._replace(
@@ -184,7 +184,7 @@ def worn_valve(law: ValveLaw, gain: float, dead_band: float) -> ValveLaw:
 
 @kernel
 def static_flow(law: ValveLaw, voltage: float) -> float:
-    """Return the steady-state flow [m3/s] at a spool voltage [V], with dead band, directional gain and saturation."""
+    """Return the steady-state flow [m3/s] at a spool voltage [V], from dead band, directional gain and saturation."""
     v = voltage - NEUTRAL_V
     if v > law.dead_band:
         return min(law.gain_left * (v - law.dead_band), law.saturation)
@@ -195,7 +195,7 @@ def static_flow(law: ValveLaw, voltage: float) -> float:
 
 @kernel
 def valve_step(law: ValveLaw, memory: ValveMemory, voltage: float) -> float:
-    """Advance the valve by one physics step at the input `voltage` [V]; return the oil flow [m3/s]."""
+    """Advance the valve by one physics step at the input `voltage` [V], and return the oil flow [m3/s]."""
     n = memory.queue.shape[0]
     head = memory.head[0]
     memory.queue[head] = min(max(voltage, 0.0), FULL_RANGE_V)
@@ -207,7 +207,7 @@ def valve_step(law: ValveLaw, memory: ValveMemory, voltage: float) -> float:
 
 @kernel
 def loaded_flow(law: ValveLaw, flow: float, pressure: float) -> float:
-    """Return the flow [m3/s] of a valve at a cylinder `pressure` [Pa]; `flow` is the flow without pressure.
+    """Return the flow [m3/s] of a valve at a cylinder `pressure` [Pa]; `flow` [m3/s] is the flow at zero pressure.
 
     A positive pressure pushes the wheels to the left.
     """

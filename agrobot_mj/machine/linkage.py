@@ -38,7 +38,7 @@ class Linkage(Spec):
 
     @property
     def moved(self) -> bool:
-        """Whether the kingpins are inclined, or offset from the wheel centres."""
+        """Whether the kingpins are inclined, or offset from the centres of the wheels."""
         return any((self.kingpin_offset_m, self.kingpin_inclination_deg, self.caster_deg))
 
     def axis(self, side: int) -> tuple[float, float, float]:
@@ -46,7 +46,7 @@ class Linkage(Spec):
         return -tan(radians(self.caster_deg)), -side * tan(radians(self.kingpin_inclination_deg)), 1.0
 
     def foot(self, side: int, radius: float) -> tuple[float, float, float]:
-        """Return the point where a kingpin axis meets the ground, in vehicle axes relative to the wheel centre [m].
+        """Return the point where a kingpin axis meets the ground, relative to the wheel centre in vehicle axes [m].
 
         `side` is 1 for left and -1 for right; `radius` is the loaded radius of the wheel [m].
         """

@@ -15,7 +15,7 @@ GRAVITY = 9.81  # Gravitational acceleration [m/s2], as MuJoCo's default
 Body = Literal["open", "roll_bar", "cab", "robot"]
 """Appearance of a machine: seat without roll bar, seat with roll bar, cab, or deck without seat."""
 WITH_ROLL_BAR_KG, WITH_CAB_KG = 450.0, 2500.0
-"""Minimum mass of a tractor shown with a roll bar, and of a tractor shown with a cab [kg]. Assumed values."""
+"""Minimum masses of tractors that are shown with a roll bar, and with a cab, respectively [kg]. Assumed values."""
 
 
 class AxleWheel(NamedTuple):
@@ -39,7 +39,7 @@ class AxleWheel(NamedTuple):
 DAMPING_RATIO = 0.15
 """Vertical damping of a tyre divided by critical damping under the static load [-]. Assumed value (range 0.05-0.2)."""
 AntennaPlace = Annotated[float, Field(ge=-20, le=20)]  # Horizontal distance of an antenna from the rear axle [m]
-AXLES = ("front", "rear")  # Names of the axles of a tractor, at the beginning of their keys
+AXLES = ("front", "rear")  # Names of the axles of a tractor, with which the names of their keys begin
 TyreCode = Annotated[str, Field(min_length=1, max_length=40)]  # Size code of a tyre, see `tyre_size`
 PressureBar = Annotated[float, Field(ge=0.3, le=8)]  # Inflation pressure [bar]
 
@@ -196,11 +196,11 @@ class TractorParameters(Spec):
 
     @property
     def steer_limit(self) -> float:
-        """Maximum steering angle in both directions [rad]."""
+        """Maximum angle of the virtual front wheel in both directions [rad]."""
         return radians(self.steer_limit_deg)
 
     def steering_for(self, curvature: float) -> float:
-        """Return the steering angle with which the CG follows an arc without slip [rad].
+        """Return the steering angle [rad] with which the CG follows an arc without tyre slip.
 
         On an arc of `curvature` kappa [1/m] the sideslip angle beta of the CG satisfies sin(beta) = l_r kappa, and
         tan(delta) = L / l_r tan(beta). The angle is pi/2 for arcs with a radius below l_r.
@@ -210,7 +210,7 @@ class TractorParameters(Spec):
 
     @property
     def tightest_radius(self) -> float:
-        """Turning radius of the CG at the steering limit without slip [m]."""
+        """Turning radius of the CG at the steering limit, without tyre slip [m]."""
         return hypot(self.wheelbase_m / tan(self.steer_limit), self.cg_to_rear_axle)
 
     @property
@@ -225,12 +225,12 @@ class TractorParameters(Spec):
 
     @property
     def front_wheel(self) -> AxleWheel:
-        """Properties of a front wheel."""
+        """Properties of one front wheel with its tyre."""
         return self._wheel("front", self.front_axle_load / 2)
 
     @property
     def rear_wheel(self) -> AxleWheel:
-        """Properties of a rear wheel."""
+        """Properties of one rear wheel with its tyre."""
         return self._wheel("rear", self.rear_axle_load / 2)
 
     def _wheel(self, axle: str, load: float) -> AxleWheel:
@@ -244,12 +244,12 @@ class TractorParameters(Spec):
         return AxleWheel(axle, radius, width, mass, load, k, c, size)
 
     def _fitted(self, axle: str) -> TyreSize:
-        """Return the tyre of an axle from its size code, or from the dimensions of the wheel if no code is given."""
+        """Return the tyre size of an axle from its size code or, without a code, from the dimensions of the wheel."""
         code, radius, width = (getattr(self, f"{axle}_{key}") for key in ("tyre", "wheel_radius_m", "wheel_width_m"))
         return nominal_size(radius, width) if code is None else tyre_size(code)
 
     def tyre_pressure(self, axle: str, load: float) -> float:
-        """Return the inflation pressure of an axle's tyres [bar]: the given value, or a value for the wheel `load` [N].
+        """Return the inflation pressure [bar] of the tyres of an axle: as given, or computed from the wheel `load` [N].
 
         `axle` is "front" or "rear".
         """
@@ -263,7 +263,7 @@ class TractorParameters(Spec):
 
     @property
     def wheels(self) -> tuple[AxleWheel, AxleWheel]:
-        """Properties of a front wheel and of a rear wheel."""
+        """Properties of one front wheel and of one rear wheel."""
         return self.front_wheel, self.rear_wheel
 
 

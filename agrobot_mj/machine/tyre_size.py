@@ -29,8 +29,8 @@ The lower value applies to codes with `L` or with a rim diameter that ends in ha
 from 11L-15 to 28L-26 is 0.67-0.72. With the other codes, the ratio of tyres from 9.5-24 to 20.8-38 is 0.82-0.91.
 """
 USUAL_DEFLECTION = 0.20
-"""Tyre deflection divided by section height [-] at the default pressure. Assumed value (range 0.17-0.28 from published
-loaded radii)."""
+"""Static tyre deflection divided by section height [-] at the default pressure. Assumed value (range 0.17-0.28 from
+published loaded radii)."""
 LEAST_BAR, MOST_BAR = 0.6, 2.4
 """Limits of the default inflation pressure [bar], which is computed from the load. Assumed values, from the pressure
 tables of field tyres. At the lower limit, tyres of light machines deflect less than `USUAL_DEFLECTION`."""
@@ -70,28 +70,28 @@ class TyreSize(NamedTuple):
         return (self.diameter - self.rim) / 2
 
     def stiffness(self, pressure_bar: float) -> float:
-        """Return the vertical stiffness [N/m] at an inflation pressure [bar]."""
+        """Return the vertical stiffness of the tyre [N/m] at an inflation pressure [bar]."""
         return KGF_MM * (0.00028 * 100.0 * pressure_bar * 1e3 * self._shape + 3.45)
 
     def pressure(self, load: float) -> float:
-        """Return the pressure [bar] for `USUAL_DEFLECTION` under a load [N], limited to `LEAST_BAR` and `MOST_BAR`."""
+        """Return the pressure [bar] for `USUAL_DEFLECTION` at a load [N], limited to `LEAST_BAR` to `MOST_BAR`."""
         k = load / (USUAL_DEFLECTION * self.section_height)
         bar = (k / KGF_MM - 3.45) / (0.00028 * 100.0 * 1e3 * self._shape)
         return min(max(bar, LEAST_BAR), MOST_BAR)
 
     @property
     def _shape(self) -> float:
-        """Square root of the product of diameter and effective width [m], as in [Rhyne2005]."""
+        """Square root of the product of diameter and effective width of the tyre [m], as in [Rhyne2005]."""
         return sqrt((1.03 - 0.4 * self.section_height / self.width) * self.width * self.diameter)
 
 
 def nominal_size(radius: float, width: float) -> TyreSize:
-    """Return the size of a bias tyre with the given free radius [m] and section width [m]."""
+    """Return the size of a bias tyre with the free radius `radius` [m] and the section width `width` [m]."""
     return TyreSize(width, 2 * radius, 2 * max(radius - NOMINAL_ASPECT * width, NOMINAL_RIM * radius), False)
 
 
 def tyre_size(code: str) -> TyreSize:
-    """Return the tyre dimensions of a size code, with or without load index. Raises ValueError for an invalid code."""
+    """Return the tyre size for a size code, with or without load index. Raises ValueError for an invalid code."""
     named = _SERVICE.sub("", code.strip().upper().replace("×", "X").replace(",", "."))
     text = re.sub(r"^(VF|IF)", "", re.sub(r"\s+", "", named))
     for family, pattern in _FAMILIES.items():

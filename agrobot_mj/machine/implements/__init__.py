@@ -1,4 +1,4 @@
-"""Implements at the hitch, one module per kind."""
+"""Implements at the hitch of the tractor, with one module per kind of implement."""
 
 from typing import Annotated
 

@@ -2,7 +2,7 @@
 
 `ImplementBase.hitched` returns mass, joints, wheels, tool and shapes; the kinds of implements differ only in these
 data. Positions are relative to the tractor's hitch (x ahead, y left, z up) [m], with the tractor and implement in line
-on level ground. The implement's tyres use the law of the tractor's rear tyres, scaled to their size.
+on level ground. The tyres of the implement use the law of the tractor's rear tyres, scaled to their size.
 """
 
 from typing import ClassVar, Literal, NamedTuple
@@ -29,14 +29,14 @@ class Axle(NamedTuple):
     at: Place  # Midpoint between the wheel centres at static load [m], relative to the hitch of the tractor
     track: float  # Distance between the centre planes of the wheels [m]
     wheel: AxleWheel  # Properties of each wheel
-    slip_stiffness: float  # Slip stiffness divided by the slip stiffness of the plant's tyre law [-]
-    rolling: float  # Rolling resistance divided by the rolling resistance of the plant's tyre law [-]
+    slip_stiffness: float  # Slip stiffness of the tyres divided by that of the plant's tyre law [-]
+    rolling: float  # Rolling resistance of the tyres divided by that of the plant's tyre law [-]
 
 
 class DepthWheel(NamedTuple):
-    """Wheel that carries the frame of a floating implement."""
+    """Depth wheel, which carries the frame of a floating implement."""
 
-    at: Place = (0.0, 0.0, 0.0)  # Lowest point of the unloaded wheel when it touches the ground [m]
+    at: Place = (0.0, 0.0, 0.0)  # Lowest point of the unloaded wheel [m], relative to the hitch of the tractor
     stiffness: float = 0.0  # Vertical stiffness of the wheel [N/m], or 0 if there is no depth wheel
     damping: float = 0.0  # Vertical damping of the wheel [N s/m]
     rolling: float = 0.0  # Rolling resistance divided by the load of the wheel [-]
@@ -66,9 +66,9 @@ class HitchedBody(NamedTuple):
     inertia: tuple[float, float, float]  # Moments of inertia about the centre of mass: roll, pitch and yaw [kg m2]
     joints: tuple[Joint, ...]
     """Hinges between tractor and implement, or an empty tuple for an implement fixed rigidly to the tractor."""
-    point: Place  # Working point on the ground [m], for which the cross-track error is evaluated
+    point: Place  # Working point on the ground [m], relative to the hitch, for which the cross-track error is evaluated
     antenna: Place | None
-    """Position of the GNSS antenna, relative to the hitch [m], or None if the antenna is on the tractor."""
+    """Position of the GNSS antenna relative to the hitch [m], or None for an antenna on the tractor."""
     axle: Axle | None = None
     depth_wheel: DepthWheel = DepthWheel()
     tool: ToolLaw | None = None
@@ -78,7 +78,7 @@ class HitchedBody(NamedTuple):
 
 
 class TowedImplement(NamedTuple):
-    """Dimensions and state of the implement, as entered by the operator in the terminal of the tractor."""
+    """Dimensions and state of an implement, as entered by the operator in the terminal of the tractor."""
 
     length: float = 0.0
     """Distance of the implement axle behind the rear axle of the tractor [m]; 0 if there is no drawn implement."""
@@ -88,23 +88,23 @@ class TowedImplement(NamedTuple):
 
 
 class ImplementBase(Spec):
-    """Base class of implements; subclasses override `hitched`."""
+    """Base class of implements; subclasses override `hitched`, which returns the body of the implement."""
 
     machine: ClassVar[bool] = True
     """Whether the implement requires a plant with rigid bodies, such as MuJoCo, instead of the bicycle plant."""
     fast_step_s: ClassVar[float] = 0.005
-    """Physics step with this implement if `physics = "fast"` [s]."""
+    """Physics step that `physics = "fast"` uses with this implement [s]."""
 
     kind: str
     receiver: bool = False
     """Whether the GNSS antenna is on the implement, above the working point, instead of on the tractor."""
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody | None:
-        """Return the body of the implement, or None for no implement. Raises ValueError for an impossible mounting."""
+        """Return the body of the implement, or None without implement. Raises ValueError for an impossible mounting."""
         raise NotImplementedError
 
     def towed(self, tractor: TractorParameters) -> TowedImplement:
-        """Return the dimensions and state of the implement, as entered by the operator in the tractor's terminal."""
+        """Return the data of the implement as entered by the operator in the terminal of the tractor."""
         hitched = self.hitched(tractor)
         if hitched is None:
             return TowedImplement()
@@ -128,7 +128,7 @@ def box_inertia(mass: float, size: Place) -> tuple[float, float, float]:
 
 
 def sinking(tractor: TractorParameters, load: float, behind: float, at: float) -> float:
-    """Return the distance [m] by which a point of the tractor moves down when a vertical `load` [N] deflects its tyres.
+    """Return the downward motion [m] of a point of the tractor whose tyres deflect under a vertical `load` [N].
 
     `at` and `behind` are the distances of the point and of the load behind the rear axle [m].
     """
@@ -139,7 +139,7 @@ def sinking(tractor: TractorParameters, load: float, behind: float, at: float) -
 
 
 def wheel_loads(tractor: TractorParameters, hitched: HitchedBody | None) -> tuple[float, float]:
-    """Return the static load [N] of a front wheel and of a rear wheel on level ground, with the implement attached."""
+    """Return the static loads [N] of one front and one rear wheel on level ground, with the implement attached."""
     down, behind = (0.0, 0.0) if hitched is None else _on_the_hitch(hitched)
     moved = down * (tractor.hitch_behind_m + behind) / tractor.wheelbase_m
     return (tractor.front_axle_load - moved) / 2, (tractor.rear_axle_load + down + moved) / 2
@@ -164,5 +164,5 @@ class NoImplement(ImplementBase):
     kind: Literal["none"] = "none"
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody | None:
-        """Return None: there is no implement."""
+        """Return None, because there is no implement."""
         return None

@@ -32,7 +32,7 @@ class Draught(NamedTuple):
     c: float  # Coefficient C of the draught proportional to the squared speed [unit of A per (km/h)^2]
     textures: tuple[float, float, float]  # Factors of the soil texture for fine, medium and coarse soil [-]
     by_depth: bool  # Whether the draught is proportional to the depth: True for tillage, False for seeding
-    spread: float  # Maximum relative deviation of a field's draught from the formula [-], in both directions
+    spread: float  # Maximum relative deviation of the draught in a field from the formula [-], in both directions
 
 
 TOOLS: dict[str, Draught] = {
@@ -52,7 +52,7 @@ W is the width [m] of the plough and the tandem disc harrow (primary tillage), t
 
 
 class ToolLaw(NamedTuple):
-    """Coefficients of a tool in a given soil, for the compiled function `draught`."""
+    """Draught and lateral force coefficients of a tool in a given soil, for compiled functions such as `draught`."""
 
     a: float  # Speed-independent draught of the tool in its soil [N, per cm of depth for tillage]
     b: float  # Draught per speed of the tool in its soil [N h/km, per cm of depth for tillage]
@@ -67,7 +67,7 @@ class ToolLaw(NamedTuple):
 
 @kernel
 def engaged(law: ToolLaw, depth: float) -> float:
-    """Return `depth` [m] divided by the intended depth of the tool [-], limited to the range from 0 to `DEEPEST`."""
+    """Return the depth `depth` [m] divided by the intended depth of the tool [-], limited to 0 to `DEEPEST`."""
     return min(max(depth / law.depth, 0.0), DEEPEST)
 
 
@@ -108,7 +108,7 @@ class Tool(Spec):
     """Downward force of the soil on the tool divided by the draught [-]. Assumed value (range 0-0.3)."""
 
     def law(self) -> ToolLaw:
-        """Return the coefficients for the compiled function `draught`."""
+        """Return the coefficients of the tool for the compiled function `draught`."""
         row = TOOLS[self.type]
         scale = self.draught_scale * self.size * row.textures[TEXTURES.index(self.texture)]
         return ToolLaw(

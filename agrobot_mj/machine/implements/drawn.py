@@ -16,7 +16,7 @@ from agrobot_mj.machine.tractor import GRAVITY, AxleWheel, TractorParameters
 
 Length = Annotated[float, Field(gt=0, le=20)]
 YAW, SWING = radians(85.0), radians(25.0)
-"""Maximum yaw angle of the drawbar pin, and maximum pitch and roll angles, to either side [rad]. Assumed values."""
+"""Maximum yaw angle of the drawbar pin, and maximum pitch and roll angles, in both directions [rad]. Assumed values."""
 MIDDLE = (0.0, 0.0, 0.0)
 PIN = (
     Joint("hitch_yaw", (0.0, 0.0, 1.0), MIDDLE, YAW),
@@ -29,8 +29,8 @@ PIN = (
 class Springs(NamedTuple):
     """Vertical stiffness and damping of a reference tyre, from which other trailer tyres are scaled.
 
-    All tyres have the same shape and the same relative deflection: the stiffness scales with load divided by radius.
-    The damping ratio at the static load is constant.
+    All tyres have the same shape and the same deflection divided by radius: the stiffness scales with load divided by
+    radius. The damping ratio at the static load is constant.
     """
 
     load: float  # Static load of the reference tyre [N]
@@ -39,7 +39,8 @@ class Springs(NamedTuple):
     damping: float  # Vertical damping of the reference tyre [N s/m]
 
     def under(self, load: float, radius: float, stiffness: float | None, damping: float | None) -> tuple[float, float]:
-        """Return stiffness [N/m] and damping [N s/m], by default computed from `load` [N] and `radius` [m]."""
+        """Return stiffness [N/m] and damping [N s/m] of a tyre, scaled with `load` [N] and `radius` [m] if not
+        given."""
         k = self.stiffness * (load / self.load) * (self.radius / radius) if stiffness is None else stiffness
         c = self.damping * sqrt(k / self.stiffness * (load / self.load)) if damping is None else damping
         return k, c
@@ -95,7 +96,7 @@ class Drawn(ImplementBase):
     """Height of the GNSS antenna above level ground [m] if `receiver` is true. Assumed value: as on the tractor."""
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody:
-        """Return the body of the implement: two wheels, and hinges at the drawbar pin."""
+        """Return the body of the implement, with two wheels and the hinges of the drawbar pin."""
         ground, wheels = -tractor.hitch_height_m, 2 * self.wheel_mass_kg
         body = self.mass_kg - wheels
         if body <= 0:
@@ -121,13 +122,13 @@ class Drawn(ImplementBase):
 
     @property
     def wheel(self) -> AxleWheel:
-        """Properties of each wheel, including its static load on level ground."""
+        """Properties of one wheel, including its static load on level ground."""
         radius, load = self.wheel_radius_m, self.mass_kg * GRAVITY * self.cg_behind_m / self.axle_behind_m / 2
         springs = TYRE.under(load, radius, self.tyre_stiffness_n_m, self.tyre_damping_n_s_m)
         return AxleWheel("rear", radius, self.wheel_width_m, self.wheel_mass_kg, load, *springs)
 
     def _toolbar(self, ground: float) -> tuple[Shape, ...]:
-        """Return the shapes of a toolbar with legs, or an empty tuple if the tool is not lowered."""
+        """Return the boxes of a toolbar with legs for images, or an empty tuple if the tool is not lowered."""
         if not self.lowered:
             return ()
         x, wide = -self.tool_behind_m, self.width_m / 2

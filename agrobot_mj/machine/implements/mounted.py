@@ -70,7 +70,7 @@ class Mounted(ImplementBase):
     """Rolling resistance of the depth wheel divided by its load [-]. Assumed value (range 0.05-0.2)."""
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody:
-        """Return the body of the implement, fixed rigidly to the tractor or hinged about a lateral axis."""
+        """Return the body of the implement, either fixed rigidly to the tractor or hinged about a lateral axis."""
         floating, ground = self.linkage == "float", -tractor.hitch_height_m
         x, y, weight = -self.tool_behind_m, self.tool_left_m, self.mass_kg * GRAVITY
         # position control is set for the working depth: the tractor's tyres deflect under the weight
