@@ -1,4 +1,4 @@
-"""Metrics of a finished run, computed from its log. `METRICS` lists all metrics."""
+"""Metrics of a finished run, computed from its log. The list `METRICS` contains all metrics."""
 
 from typing import Any
 
@@ -23,12 +23,12 @@ METRICS: list[Metric] = [
     BrakedDrift(),
 ]
 LINKED = dict.fromkeys(("cross_track_rms", "cross_track_late_rms", "cross_track_offset"), "m")
-"""Units of metrics of external guidance programs, for metric names that do not end with a unit."""
-ENDINGS = {"_ms": "ms", "_hz": "Hz", "_s": "s", "_m": "m"}  # Units of metrics by the suffix of their names
+"""Units of metrics of external guidance programs whose names do not end with a unit."""
+ENDINGS = {"_ms": "ms", "_hz": "Hz", "_s": "s", "_m": "m"}  # Units of metrics, by the suffix of the metric name
 
 
 def metrics(log: LogLike, outcome: str | None = None, view: RunView | None = None) -> dict[str, Any]:
-    """Return all metrics of a run as JSON values. If `outcome` is given, it becomes the first entry."""
+    """Return all metrics of a run as JSON values by name. If `outcome` is given, it becomes the first entry."""
     view, found = view or RunView(log), {} if outcome is None else {"outcome": outcome}
     for metric in METRICS:
         values = metric.evaluate(view)
@@ -40,7 +40,7 @@ def metrics(log: LogLike, outcome: str | None = None, view: RunView | None = Non
 
 
 def unit_of(name: str) -> str:
-    """Return the unit of a metric, from its column or, without a column, from the suffix of its name."""
+    """Return the unit of the metric `name`, from its column or else from the suffix of its name; "-" if unknown."""
     known = LINKED | {column.name: column.unit for metric in METRICS for column in metric.columns}
     return known.get(name) or next((unit for end, unit in ENDINGS.items() if name.endswith(end)), "-")
 

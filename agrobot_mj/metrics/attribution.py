@@ -1,10 +1,10 @@
-"""Contributions of estimator and guidance to the cross-track error, and the steering error.
+"""Contributions of the estimator and of the guidance to the cross-track error, and the steering error.
 
     true CG - path = (true CG - estimated CG) + (estimated CG - path)
 
 Each difference is measured across the path, positive to the left. All differences use one osculating circle of the
-path, at the point nearest to the true CG. The two parts therefore add up to the cross-track error in every tick. Their
-mean squares add up only if the parts are uncorrelated. Large parts of opposite sign may cancel.
+path, at the point nearest to the true CG. Both contributions therefore add up to the cross-track error in every tick.
+Their mean squares add up only if the contributions are uncorrelated. Large contributions of opposite sign may cancel.
 
 The actuator is inside the guidance loop, and its effect on the cross-track error [m] depends on the guidance gains. The
 metric of the actuator is therefore the steering error: wheel angle minus the command one tick earlier.
@@ -22,14 +22,14 @@ NEAR_M = 0.5  # Maximum distance between true and estimated CG for a shared oscu
 
 
 class ErrorParts(NamedTuple):
-    """Estimator and guidance parts of the cross-track error [m], each of shape (ticks,), positive to the left."""
+    """Contributions to the cross-track error [m], each of shape (ticks,), positive to the left."""
 
     estimator: Array  # Position of the true CG relative to the estimated CG, across the path [m]
     guidance: Array  # Offset of the estimated CG from the path, the input of the guidance law [m]
 
 
 def parts_of(view: RunView) -> ErrorParts:
-    """Return the estimator and guidance parts of the cross-track error of a run."""
+    """Return the contributions of estimator and guidance to the cross-track error of a run."""
     beside, x, y = view.cg_on_path, view.column("x_hat"), view.column("y_hat")
     guidance = beside.offset_of(x, y)
     apart = np.hypot(x - view.column("x"), y - view.column("y")) > NEAR_M
@@ -39,7 +39,7 @@ def parts_of(view: RunView) -> ErrorParts:
 
 
 class Attribution(Metric):
-    """Estimator and guidance parts of the cross-track error, and the steering error."""
+    """Contributions of the estimator and of the guidance to the cross-track error, and the steering error."""
 
     kind: Literal["attribution"] = "attribution"
     columns: ClassVar = (
@@ -49,7 +49,7 @@ class Attribution(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the root mean squares of the estimator part, the guidance part, and the steering error."""
+        """Return the root mean squares of the estimator and guidance contributions and of the steering error."""
         parts = parts_of(view)
         return {
             "xte_estimator_rms": rms(parts.estimator),
@@ -59,14 +59,14 @@ class Attribution(Metric):
 
 
 SIDEWAYS_M_S2 = 0.5
-"""Maximum lateral specific force of ticks that count as straight driving on level ground [m/s2]. Assumed value: the
+"""Maximum lateral specific force at which a tick counts as straight driving on level ground [m/s2]. Assumed value: the
 sideslip is then below 0.5 deg."""
 MOVES_M_S = 0.3  # Minimum speed of the ticks used for `level_sideslip` [m/s]. Assumed value.
 LEVEL_TICKS = 200  # Minimum number of ticks for `level_sideslip`: ten seconds. Assumed value.
 
 
 class Consistency(Metric):
-    """Consistency of the estimation error with its covariance, and the fraction of time with saturated steering."""
+    """Consistency of the estimation error with its covariance, and the fraction of ticks with saturated steering."""
 
     kind: Literal["consistency"] = "consistency"
     columns: ClassVar = (
@@ -78,7 +78,7 @@ class Consistency(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the mean NEES and NIS, the saturated fraction, and the sideslip and mounting error if logged."""
+        """Return mean NEES and NIS, the saturated fraction, and the sideslip and mounting error if they are logged."""
         return {
             "position_nees": mean(view.column("position_nees")),
             "position_nis": mean(view.column("position_nis")),

@@ -1,7 +1,7 @@
 """Base class of metrics, their input (log, path and laps of a run), and statistics of signals.
 
-Lengths are in metres, and angles in radians. Statistics ignore missing and infinite values, and are None for fewer than
-LEAST values.
+Lengths are in metres, and angles in radians. Statistics ignore missing and infinite samples, and are None for fewer
+than LEAST samples.
 """
 
 from collections.abc import Sequence
@@ -18,14 +18,14 @@ from agrobot_mj.metrics.progress import PathProgress, progress_of
 from agrobot_mj.paths import Path
 from agrobot_mj.paths.route import SampledRoute
 
-LEAST = 20  # Minimum number of values for a statistic: the ticks of one second. Assumed value.
+LEAST = 20  # Minimum number of samples for a statistic: the ticks of one second. Assumed value.
 
 RowChoice = slice | np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 """Selection of log rows: a slice, or a mask of shape (ticks,)."""
 
 
 class HasPath(Protocol):
-    """Protocol of a scenario, with the attributes that metrics use."""
+    """Protocol of a scenario with the attributes that metrics use."""
 
     @property
     def path(self) -> Path:
@@ -34,12 +34,12 @@ class HasPath(Protocol):
 
     @property
     def duration_s(self) -> float | None:
-        """Planned duration of the run [s], or None for the duration of the path."""
+        """Planned duration of the run [s]; None stands for the duration of the path."""
         ...
 
 
 class LogLike(Protocol):
-    """Protocol of a log, with the attributes that metrics and figures use."""
+    """Protocol of a log with the attributes that metrics and figures use."""
 
     @property
     def scenario(self) -> HasPath:
@@ -47,23 +47,23 @@ class LogLike(Protocol):
         ...
 
     def column(self, name: str) -> Array:
-        """Return the values of the signal `name`, shape (ticks,), with NaN for missing values."""
+        """Return the samples of the signal `name`, shape (ticks,), with NaN for missing samples."""
         ...
 
 
 class RunView:
-    """Log of a run with quantities that several metrics use. `route` defaults to samples of the scenario's path."""
+    """Log of a run, with quantities that several metrics use. By default `route` samples the path of the scenario."""
 
     def __init__(self, log: LogLike, route: SampledRoute | None = None) -> None:
         self.log, self.path = log, log.scenario.path
         self.route = route or SampledRoute(self.path)
 
     def column(self, name: str) -> Array:
-        """Return the values of the signal `name`, shape (ticks,), with NaN for missing values."""
+        """Return the samples of the signal `name`, shape (ticks,), with NaN for missing samples."""
         return self.log.column(name)
 
     def reported(self, name: str) -> Array | None:
-        """Return the values of the signal `name`, shape (ticks,), or None if the log does not contain the signal."""
+        """Return the samples of the signal `name`, shape (ticks,), or None if the log does not contain the signal."""
         try:
             return self.column(name)
         except (KeyError, ValueError):
@@ -85,7 +85,7 @@ class RunView:
 
     @cached_property
     def turns(self) -> list[slice]:
-        """Log rows of each lap that the run reached."""
+        """Rows of the log in each lap that the run reached, as slices."""
         t, spans = self.column("t"), self.path.turns_s
         starts, ends = [start for start, _ in spans], [end for _, end in spans]
         firsts = [*rows_until(t, starts[:1], "left"), *rows_until(t, starts[1:])]
@@ -93,24 +93,24 @@ class RunView:
 
 
 class Metric(Spec):
-    """Base class of metrics of a finished run."""
+    """Base class of metrics of a finished run; subclasses override `evaluate`."""
 
     kind: str
     columns: ClassVar[tuple[Column, ...]] = ()
-    """Name, unit and description of each value. A value inside a table is named `table.value`."""
+    """Name, unit and description of each number of the metric. A number inside a table is named `table.number`."""
 
     @property
     def names(self) -> set[str]:
-        """Names of the values and tables that `evaluate` may return."""
+        """Names of the numbers and tables that `evaluate` may return."""
         return {column.name.partition(".")[0] for column in self.columns}
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return JSON values by name, or an empty dict if the metric does not apply to the run."""
+        """Return the metric as JSON values by name, or an empty dict if the metric does not apply to the run."""
         raise NotImplementedError
 
 
 def rows_until(t: Array, times: Sequence[float], side: Literal["left", "right"] = "right") -> list[int]:
-    """Return the number of rows of the increasing times `t` that lie at or before each time in `times`.
+    """Return the number of rows at or before each time in `times`; the times `t` of the rows increase.
 
     With `side` = "left", rows exactly at the time do not count.
     """
@@ -124,12 +124,12 @@ def mean(values: Array, power: int = 1) -> float | None:
 
 
 def mean_magnitude(values: Array) -> float | None:
-    """Return the mean magnitude of the finite values, or None for fewer than LEAST values."""
+    """Return the mean magnitude of the finite values; None for fewer than LEAST values or on overflow."""
     return _average(np.abs(_finite(values)))
 
 
 def rms(values: Array) -> float | None:
-    """Return the root mean square of the finite values, or None for fewer than LEAST values."""
+    """Return the root mean square of the finite values; None for fewer than LEAST values or on overflow."""
     mean_square = mean(values, 2)
     return None if mean_square is None else mean_square**0.5
 

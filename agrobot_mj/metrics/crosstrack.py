@@ -1,8 +1,8 @@
-"""Position of a point relative to a path: signed offset, and time at which the reference passes the nearest point.
+"""Position of a point relative to a path: signed offset, and time at which the reference passes the nearest path point.
 
 The search covers WINDOW_M before and after the nearest point of the previous row, so that the tractor may be far behind
 the reference. In the first row, and after the nearest point was lost, the search is centred at the reference. Only the
-leg of the path (between two cusps) at the current time is searched, see `paths.route`. Left is relative to the heading
+leg of the path (between two cusps) at the current time is searched (see `paths.route`). Left is relative to the heading
 of the path.
 """
 
@@ -28,12 +28,12 @@ class BesidePath(NamedTuple):
     """Positions of n points relative to a path, NaN for points without a finite and plausible position."""
 
     offset: Array  # Signed distance from the path [m], left positive, shape (n,)
-    time: Array  # Time at which the reference passes the nearest point [s], shape (n,)
+    time: Array  # Time at which the reference passes the nearest path point [s], shape (n,)
     circles: Array
     """Osculating circle of the path near each point, shape (n, 4): x, y [m], heading [rad], curvature [1/m]."""
 
     def offset_of(self, x: Array, y: Array) -> Array:
-        """Return the signed offset [m] of the points (x, y) from `circles`, positive to the left, shape (n,)."""
+        """Return the signed distances [m] of the points (x, y) from `circles`, positive to the left, shape (n,)."""
         x0, y0, yaw, curvature = self.circles.T
         east, north = x - x0, y - y0
         ahead, left = np.cos(yaw) * east + np.sin(yaw) * north, np.cos(yaw) * north - np.sin(yaw) * east
@@ -51,7 +51,7 @@ def cross_track(path: Path, t: Array, x: Array, y: Array) -> Array:
 
 
 def track(path: Path, t: Array, x: Array, y: Array, route: SampledRoute | None = None) -> BesidePath:
-    """Return the positions of the points (x, y) [m] relative to `path` at the times `t` [s], each of shape (n,)."""
+    """Return the positions of the points (x, y) [m] relative to `path` at the times `t` [s], all of shape (n,)."""
     route, found = route or SampledRoute(path), np.full((len(t), 6), np.nan)
     known = np.maximum(np.abs(x), np.abs(y)) < FARTHEST_M
     places = np.column_stack((t, x, y))[known]

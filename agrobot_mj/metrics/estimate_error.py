@@ -24,7 +24,7 @@ from agrobot_mj.metrics.base import RunView
 LEAN, UNIT, HEADING, LATENCY = "antenna lean", "error of the inertial unit", "heading error", "GNSS latency"
 GNSS, LOSS, FLOAT = "GNSS error", "no GNSS fix", "GNSS without fixed ambiguities"
 ON_IMPLEMENT, PLACE = "antenna on the implement", "configured antenna position"
-MAIN = 0.5  # Minimum fraction of the error for a cause to be reported, more than all other causes together [-]
+MAIN = 0.5  # Minimum fraction of the error that a reported cause explains [-], more than all other causes together
 SMALLEST_M = 1e-3
 """Root mean square error below which no cause is reported [m]. Assumed value, far below the noise of RTK."""
 Vectors = np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
@@ -44,7 +44,8 @@ def _inner(a: Vectors, b: Vectors, across: bool) -> float:
 
 
 def contributions(view: RunView) -> tuple[Vectors, dict[str, Vectors]]:
-    """Return the error of the estimated CG and the contribution of each cause, shape (ticks,), forward + i left [m]."""
+    """Return the error of the estimated CG and the contribution of each cause [m], complex numbers of shape
+    (ticks,)."""
     s: Any = view.log.scenario
     tractor, column = s.tractor, view.column
     turned = np.exp(-1j * column("yaw"))
@@ -101,7 +102,7 @@ def _latency(view: RunView) -> Array:
 
 
 def _delayed(values: Vectors, late_s: Array) -> Vectors:
-    """Return the values delayed by `late_s` [s], shape (ticks,). Before the start, the first value is used."""
+    """Return the vectors delayed by `late_s` [s], shape (ticks,). Before the start, the first vector is used."""
     ticks = np.round(late_s / TICK_S).astype(int)
     delayed: Vectors = values[np.maximum(np.arange(len(values)) - ticks, 0)]
     return delayed

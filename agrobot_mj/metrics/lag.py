@@ -1,4 +1,4 @@
-"""Lag of the tractor behind its reference at the end of a run, in distance and speed.
+"""Lag of the tractor behind its reference at the end of a run, as a distance and as mean speeds.
 
 Cross-track errors do not include the lag, because most guidance laws follow the path independently of time.
 """
@@ -27,7 +27,7 @@ class Lag(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Message about the lag, or an empty string for a lag within LATE_M, LOSING_M and SLOW."""
+        """Message about the lag, or an empty string if the lag is within the limits LATE_M, LOSING_M and SLOW."""
         found = []
         if abs(self.behind_m) > LATE_M:
             found.append(f"{abs(self.behind_m):.1f} m {'behind' if self.behind_m > 0 else 'ahead of'} its reference")
@@ -37,7 +37,7 @@ class Lag(NamedTuple):
 
 
 def lag_of(log: LogLike) -> Lag | None:
-    """Return the lag at the end of a run, or None if the run has fewer than two rows or its last row is not finite."""
+    """Return the lag at the end of a run, or None if the log has fewer than two rows or the lag is not finite."""
     t = log.column("t")
     last = slice(int(np.searchsorted(t, t[-1] - LAST_S)) if len(t) else 0, None)
     if len(t[last]) < 2:

@@ -23,12 +23,11 @@ from agrobot_mj.paths import Parallel
 
 LABEL = "12188-2-style"
 STATION_M = 0.1  # Distance between the stations of a pass [m]
-COMPLETE = 0.99  # Minimum driven fraction of a complete pass [-]
+COMPLETE = 0.99  # Minimum fraction of a pass that is driven if the pass is complete [-]
 
 
 class Passed(NamedTuple):
-    """Driven part of a pass. All positions are relative to the first pass, positive in its direction and to the
-    left."""
+    """Driven part of a pass. Positions are relative to the first pass, positive in its direction and to its left."""
 
     line: float  # Lateral position of the planned pass [m]
     direction: int  # Direction of travel: 1 in the direction of the first pass, -1 in the opposite direction
@@ -67,7 +66,7 @@ class PassAccuracy(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the pass-to-pass accuracy, or an empty dict for a path without parallel passes."""
+        """Return the pass-to-pass accuracy as a table, or an empty dict for a path without parallel passes."""
         if not isinstance(view.path, Parallel):
             return {}
         return {"iso_12188_2_style": pass_to_pass(view.path, view.cg_on_path.time, view.column("x"), view.column("y"))}
@@ -124,6 +123,6 @@ def _interpolated(along: Array, errors: Array, low: float, high: float) -> tuple
 
 
 def _difference(right: Passed, left: Passed) -> Array:
-    """Return the excess swath width between neighbouring passes at their common stations [m]."""
+    """Return the excess width [m] of the swath between neighbouring passes, at their common stations."""
     _, a, b = np.intersect1d(right.stations, left.stations, assume_unique=True, return_indices=True)
     return left.errors[b] - right.errors[a]

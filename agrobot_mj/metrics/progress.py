@@ -1,8 +1,8 @@
 """Driven length of the path, and whether this length is sufficient.
 
 The path is evaluated up to the planned end of the run or, if earlier, its own end. A segment is driven if the tractor
-moves along the segment within CORRIDOR_M. The nearest point is tracked between successive positions of the tractor, see
-`paths.route`, so that it stays on the same branch of a crossing, lap and swath. If the tractor is more than ASTRAY_M
+moves along the segment within CORRIDOR_M. The nearest point is tracked between successive positions of the tractor (see
+`paths.route`), so that it stays on the same branch of a crossing, lap and swath. If the tractor is more than ASTRAY_M
 away from the tracked point, the search also covers the neighbourhood of the reference. Segments that the nearest point
 skips do not count. A tractor at standstill makes no progress, even if the reference passes it.
 
@@ -33,7 +33,7 @@ the track of a tractor on the inside of a bend."""
 
 
 class PathProgress(NamedTuple):
-    """Driven length of a path."""
+    """Driven length of a path, its total length, and the required length."""
 
     driven: float  # Driven length of the path [m]
     length: float  # Length of the path [m]
@@ -66,9 +66,9 @@ def progress_of(route: SampledRoute, duration: float | None, columns: Sequence[A
 
 
 def commanded_progress(t: Array, asked: Array, speed: Array) -> PathProgress:
-    """Return the progress of guidance without a path: driven distance, and integral of the speed commands `asked`.
+    """Return the progress of guidance without a path: driven distance, and distance of the speed commands `asked`.
 
-    Both integrals use absolute speeds. Times are in s, speeds in m/s, shape (n,) each, with NaN for missing values.
+    Both distances are integrals of absolute speeds. Times are in s, speeds in m/s, shape (n,) each, NaN if missing.
     """
     t, asked, speed = map(np.nan_to_num, (t, asked, speed))
     steps = np.diff(t, append=t[-1:])
@@ -77,7 +77,7 @@ def commanded_progress(t: Array, asked: Array, speed: Array) -> PathProgress:
 
 
 class _Walk:
-    """Tracker of the path point nearest to the tractor, which marks driven segments up to the time `end` [s]."""
+    """Tracker of the path point nearest to the tractor, which marks the driven segments up to the time `end` [s]."""
 
     def __init__(self, route: SampledRoute, end: float) -> None:
         self.route, self.place, self.within, self.last = route, 0, False, route.number_at(end)
@@ -111,12 +111,12 @@ class _Walk:
         return k, hypot(x - sample.x, y - sample.y)
 
     def passed(self, t: float) -> float:
-        """Return the path length covered by the reference at the time `t` [s], at most the total length [m]."""
+        """Return the path length [m] covered by the reference at the time `t` [s], at most the evaluated length."""
         k = min(self.route.number_at(t), self.last)
         return float(self.route.distances[k])
 
     def stood(self, end: float) -> bool:
-        """Return whether the tractor made no progress at the end, while the reference continued until `end` [s]."""
+        """Return whether the tractor made no more progress, while the reference continued until `end` [s]."""
         waited = self.t - self.driven_t
         return waited > LATE_S and self.passed(end) - self.passed(self.driven_t) > 2 * STEP_M
 

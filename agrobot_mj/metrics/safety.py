@@ -1,4 +1,4 @@
-"""Consequences of a fault: delay of the stop, final distance from the path, and maximum overspeed."""
+"""Consequences of a fault, such as the delay of the stop, the distance from the path, and the maximum overspeed."""
 
 from typing import Any, ClassVar, Literal
 
@@ -11,9 +11,9 @@ from agrobot_mj.core.signals import TICK_S, Array, Column
 from agrobot_mj.metrics.base import Metric, RunView
 
 OFF_M = 1.0  # Distance from the path above which the tractor has left the path [m]
-SLOWEST_M_S = 0.5  # Minimum speed command used as the divisor of `safety.overspeed` [m/s]
+SLOWEST_M_S = 0.5  # Minimum divisor of `safety.overspeed`, which is a speed command [m/s]
 MEMORY = 40
-"""Number of recent ticks [-], for a stopping time of 2 s. Their maximum speed command is compared with the speed."""
+"""Number of recent ticks [-] whose maximum speed command is compared with the speed: a stopping time of 2 s."""
 
 
 class Safety(Metric):
@@ -69,7 +69,7 @@ LEAST_M = 0.001
 
 
 class BrakedDrift(Metric):
-    """Drift of the tractor while its brake was applied."""
+    """Drift of the tractor while the brake was applied."""
 
     kind: Literal["braked_drift"] = "braked_drift"
     columns: ClassVar = (

@@ -1,7 +1,7 @@
 """Definition of a successful run, used by averages, rankings and searches.
 
-A run is a *success* if it ended as its scenario expects. Only successful runs that completed their path have tracking
-errors: a run that stops after a second has small errors, which are not comparable.
+A run is a *success* if it ended as its scenario expects. Only successful runs that completed their path have valid
+tracking errors: a run that stops after a second has small errors, which are not comparable.
 
 A row is a mapping with `outcome`, the metrics of a run, and `expected`, which states whether the run is a success.
 Studies in which all scenarios expect `completed` may omit `expected`.
@@ -17,13 +17,13 @@ ERRORS = (
     *("lateral_", "longitudinal_", "xte_", "yaw_rate_error_", "implement_xte_", "per_turn", "iso_12188_2_style"),
     *("acquisition", "steer_error_"),
 )
-"""Prefixes of the names of tracking errors."""
-MOST_REASONS = 3  # Maximum number of reasons in a text
+"""Prefixes of the names of metrics that are tracking errors."""
+MOST_REASONS = 3  # Maximum number of different outcomes and reasons in a text
 Row = Mapping[str, Any]
 
 
 def succeeded(row: Row) -> bool:
-    """Return whether a run ended with the outcome that its scenario expects."""
+    """Return whether a run ended with the outcome that its scenario expects; by default the outcome `completed`."""
     return bool(row["expected"] if "expected" in row else row["outcome"] == COMPLETED)
 
 
@@ -33,7 +33,7 @@ def has_errors(row: Row) -> bool:
 
 
 def error_of(row: Row, name: str) -> float | None:
-    """Return the tracking error `name` of a run, or None if the error is invalid or not finite."""
+    """Return the tracking error `name` of a run, or None if the error is invalid, missing or not finite."""
     value = row.get(name) if has_errors(row) else None
     return float(value) if value is not None and isfinite(value) else None
 
@@ -44,7 +44,7 @@ def is_error(name: str) -> bool:
 
 
 def without_errors(row: Row) -> dict[str, Any]:
-    """Return a copy of a row with None for invalid tracking errors."""
+    """Return a copy of a row in which invalid tracking errors are None."""
     counts = has_errors(row)
     return {name: value if counts or not is_error(name) else None for name, value in row.items()}
 

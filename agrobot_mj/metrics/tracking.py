@@ -1,10 +1,11 @@
 """Tracking errors of a run and of each lap (`turn`) of its path.
 
 `lateral_*` and `longitudinal_*` are the time-based errors of the paper. `xte_*` is the cross-track error, the distance
-of the CG from the path independent of time (`crosstrack`).
+of the CG from the path independent of time (see `crosstrack`).
 
 A lap contains the rows with start < t <= end; the first lap also contains its start. Laps that the run did not reach
-are omitted. The lap in which the run ended is evaluated up to the end of the run and is not `complete`.
+are omitted. The lap in which the run ended is evaluated up to the end of the run, and is `complete` from 99 % of its
+duration.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -27,7 +28,7 @@ from agrobot_mj.metrics.base import (
     rows_until,
 )
 
-COMPLETE = 0.99  # Minimum fraction of a turn that a run must cover for the turn to be complete [-]
+COMPLETE = 0.99  # Minimum fraction of a lap that a run must cover for the lap to be complete [-]
 
 
 class Tracking(Metric):
@@ -62,7 +63,7 @@ class DrivenShare(Metric):
     columns: ClassVar = (Column("progress", "-", "driven fraction of the path length; null for a path without length"),)
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the driven fraction of the path length."""
+        """Return the driven fraction of the path length [-], or None for a path without length."""
         return {"progress": view.progress.share}
 
 
@@ -82,7 +83,7 @@ def _errors(view: RunView, choices: Sequence[slice]) -> list[dict[str, float | N
 
 
 def _columns(view: RunView) -> Iterator[tuple[dict[str, Callable[[Array], float | None]], Array]]:
-    """Yield each error signal, and the statistics of this signal by metric name."""
+    """Yield each error signal with its statistics, as functions by metric name."""
     lateral: dict[str, Callable[[Array], float | None]] = {
         "lateral_mse": partial(mean, power=2),
         "lateral_rms": rms,
@@ -105,7 +106,7 @@ class NetworkShare(Metric):
     columns: ClassVar = (Column("nn_share", "-", "list: mean|tau_n| / (mean|tau_c| + mean|tau_n|) of each turn"),)
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the network fraction of each lap: 0 without a network, None for a lap with fewer than LEAST ticks."""
+        """Return the fraction of each lap [-]: 0 without a network, and None for a lap with fewer than LEAST ticks."""
         kept, learnt = view.column("tau_c"), view.column("tau_n")
         return {"nn_share": [_share(kept[rows], learnt[rows]) for rows in view.turns]}
 
@@ -143,7 +144,7 @@ class ImplementErrors(Metric):
         }
 
 
-BAND_M = 0.05  # Maximum distance from an acquired path [m]. Assumed value: twice the stated accuracy of RTK guidance.
+BAND_M = 0.05  # Maximum distance from an acquired path [m]. Assumed value: twice the accuracy stated for RTK guidance.
 HELD_S = 5.0  # Minimum time within BAND_M of an acquired path [s]. Assumed value: longer than half an oscillation.
 END_S = 2.0  # Duration of the final part of the run [s], in which the maximum remaining offset is measured
 
@@ -163,7 +164,7 @@ class Acquisition(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the acquisition metrics, or an empty dict for a path without a start offset."""
+        """Return the metrics of the path acquisition, or an empty dict for a path without a start offset."""
         if not view.path.start_offset_m:
             return {}
         t, e = view.column("t"), view.cg_on_path.offset
