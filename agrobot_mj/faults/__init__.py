@@ -1,4 +1,5 @@
-"""Scripted faults and disturbances, grouped by the affected part. Each fault changes the `Conditions` of a tick."""
+"""Scripted faults and disturbances, with one module per affected component. A fault changes the `Conditions` of a
+tick."""
 
 from typing import Annotated
 

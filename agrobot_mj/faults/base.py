@@ -1,4 +1,4 @@
-"""Base class of all faults, which change the `Conditions` in a time window."""
+"""Base class of all faults. A fault changes the `Conditions` of the ticks within a time window."""
 
 from math import inf
 from typing import Any, ClassVar
@@ -30,7 +30,7 @@ class Scripted(Spec):
 
     @property
     def subject(self) -> str:
-        """Part affected by the fault; time windows of faults with the same subject must not overlap."""
+        """Component affected by the fault. Time windows of faults with the same subject must not overlap."""
         return self.kind
 
     @property
@@ -39,11 +39,13 @@ class Scripted(Spec):
         return inf if self.end_s is None else self.end_s
 
     def active(self, t: float) -> bool:
-        """Return whether the fault is active at `t` [s], with a tolerance for rounding errors at start and end."""
+        """Return whether the fault is active at the time `t` [s], with a tolerance for rounding errors at start and
+        end."""
         return self.start_s <= t + ROUNDING_S < self.last_s
 
     def grown(self, t: float, ramp_s: float) -> float:
-        """Return the strength of the fault [-] at `t` [s], which grows linearly from 0 to 1 within `ramp_s` [s]."""
+        """Return the strength of the fault [-] at the time `t` [s]: a linear increase from 0 to 1 within `ramp_s`
+        [s]."""
         return min(max((t - self.start_s) / ramp_s, 0.0), 1.0) if ramp_s > 0.0 else 1.0
 
     def overlaps(self, other: "Scripted") -> bool:
@@ -51,9 +53,10 @@ class Scripted(Spec):
         return self.start_s < other.last_s and other.start_s < self.last_s
 
     def init(self, generator: Generator) -> Any:
-        """Return the state of the fault before the first tick; `generator` is its source of random numbers."""
+        """Return the state of the fault before the first tick; the fault draws random numbers from `generator`."""
         return None
 
     def apply(self, state: Any, conditions: Conditions, t: float, dt: float) -> tuple[Any, Conditions]:
-        """Return the new state and the changed conditions for a tick of `dt` [s] that starts at `t` [s]."""
+        """Return the new state of the fault and the changed conditions, for a tick of `dt` [s] that starts at `t`
+        [s]."""
         raise NotImplementedError

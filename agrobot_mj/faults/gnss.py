@@ -19,7 +19,7 @@ Interval = Annotated[float, Field(ge=TICK_S, le=HUGE)]  # Time interval of at le
 
 
 def shifted(conditions: Conditions, east: float, north: float) -> Conditions:
-    """Return the conditions after adding a position offset [m] to the east and north to the GNSS solution."""
+    """Return the conditions with an additional position offset [m] to the east and north in the GNSS solution."""
     x, y = conditions.gnss_offset
     return conditions._replace(gnss_offset=(x + east, y + north))
 
@@ -30,7 +30,7 @@ class GnssLoss(Scripted):
     kind: Literal["gnss_loss"] = "gnss_loss"
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Set the quality of the GNSS solution to NONE."""
+        """Set the quality of the GNSS solution to NONE, so that there is no solution."""
         return None, conditions._replace(gnss_quality=worse(conditions.gnss_quality, Quality.NONE))
 
 
@@ -45,7 +45,7 @@ class GnssJump(Scripted):
     position)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Add the offset to the position. Quality and velocity do not change."""
+        """Add the offset to the position of the GNSS solution. Quality and velocity do not change."""
         return None, shifted(conditions, self.east_m, self.north_m)
 
 
@@ -61,7 +61,7 @@ class GnssDrift(Scripted):
     """Reported velocity: the true velocity (`sound`), or the velocity of the `drifting` position, as in spoofing."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Add the offset at the end of the tick to the position. The quality does not change."""
+        """Add the offset reached at the end of the tick to the position. The quality does not change."""
         time, east, north = t + dt - self.start_s, self.east_m_s, self.north_m_s
         if self.velocity == "drifting":
             vx, vy = conditions.gnss_velocity_offset
@@ -80,7 +80,8 @@ class GnssFrozen(Scripted):
     observed for 37 s on a tractor at rest [Jones2026]."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Freeze the reported position, and set velocity and quality as configured."""
+        """Freeze the reported position, select the reported velocity, and limit the quality to the configured
+        quality."""
         claimed = Quality.FIX if self.quality == "fix" else Quality.DGPS
         quality = worse(conditions.gnss_quality, claimed)
         return None, conditions._replace(gnss_frozen=self.keep, gnss_quality=quality)
@@ -101,11 +102,11 @@ class GnssDgps(Scripted):
     """Correlation time of the position drift [s]. Assumed value (range 1-10)."""
 
     def init(self, generator: Generator) -> GaussMarkov:
-        """Return a position drift of zero, so that the fault starts at the fixed solution."""
+        """Return a position drift of zero, so that the drift starts at the fixed solution."""
         return GaussMarkov(generator, (0.0, 0.0))
 
     def apply(self, state: GaussMarkov, conditions: Conditions, t: float, dt: float) -> tuple[GaussMarkov, Conditions]:
-        """Set the quality of the solution to DGPS and advance the position drift."""
+        """Limit the quality of the solution to DGPS, advance the position drift, and add the drift to the position."""
         state = state.after(dt, self.wander_time_s)
         quality = worse(conditions.gnss_quality, Quality.DGPS)
         east, north = (self.wander_sigma_m * value for value in state.value)
@@ -129,10 +130,10 @@ class GnssLatency(Scripted):
 
 
 class FloatState(NamedTuple):
-    """State of a `GnssFloat` between two ticks."""
+    """State of the fault `GnssFloat` between two ticks."""
 
     generator: Generator
-    floating: bool  # Whether the solution is float at present, always true without `flicker_s`
+    floating: bool  # Whether the solution is currently float; always true without `flicker_s`
     turns_s: float  # Time of the next change between float and fix [s]
     jumps_s: float  # Time of the next jump of the offset [s]
     offset: tuple[float, float]  # Position offset [m], east and north
@@ -157,12 +158,12 @@ class GnssFloat(Scripted):
     Default: float at all times. Assumed value (range 0.5-10 near trees)."""
 
     def init(self, generator: Generator) -> FloatState:
-        """Return the initial state, a float solution with a random offset."""
+        """Return the initial state of the fault: a float solution with a random offset."""
         turns = self.start_s + (generator.exponential(self.flicker_s) if self.flicker_s else HUGE)
         return self._jump(FloatState(generator, True, turns, 0.0, (0.0, 0.0)), self.start_s)
 
     def apply(self, state: FloatState, conditions: Conditions, t: float, dt: float) -> tuple[FloatState, Conditions]:
-        """Limit the solution quality to float and add the offset, except in intervals with a fixed solution."""
+        """Limit the quality of the solution to float and add the offset, except in intervals with a fixed solution."""
         while self.flicker_s and t >= state.turns_s:
             turns = state.turns_s + state.generator.exponential(self.flicker_s)
             state = state._replace(floating=not state.floating, turns_s=turns)

@@ -1,4 +1,4 @@
-"""Faults of the signal line from a sensor or to a valve; `core.lines` computes the distorted signal.
+"""Faults of the signal line from a sensor or to a valve. The module `core.lines` computes the distorted signal.
 
 The name of a fault consists of the line, which is a field of `Conditions`, and the effect, as in `gyro_stuck`. Stuck,
 scaled, delayed and lost signals have the same definition for all lines. An offset has the unit of its line.
@@ -32,16 +32,16 @@ class LineFault(Scripted):
 
     @property
     def line(self) -> str:
-        """Field of `Conditions` that contains the distortion of the line."""
+        """Name of the field of `Conditions` that contains the distortion of the affected line."""
         return self.kind.rpartition("_")[0]
 
     def distortion(self, conditions: Conditions) -> Distortion:
-        """Return the distortion of the line that results from the faults already applied in this tick."""
+        """Return the distortion of the affected line by the faults already applied in this tick."""
         found: Distortion = getattr(conditions, self.line)
         return found
 
     def distorted(self, conditions: Conditions, **changes: Any) -> Conditions:
-        """Return the conditions with `changes` to the fields of the line's distortion."""
+        """Return the conditions with `changes` to the fields of the distortion of the affected line."""
         changed: dict[str, Any] = {self.line: self.distortion(conditions)._replace(**changes)}
         return conditions._replace(**changed)
 
@@ -92,7 +92,7 @@ class Stuck(LineFault):
     """Value of the stuck signal: its `last` value or `zero`."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Freeze the signal of the line."""
+        """Freeze the signal of the line at its last value or at zero."""
         return None, self.distorted(conditions, stuck=self.value)
 
 
@@ -110,7 +110,7 @@ class Delayed(LineFault):
     0.05-0.3 for a filter)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Delay the signal of the line."""
+        """Add the delay to the signal of the line."""
         return None, self.distorted(conditions, delay_s=self.distortion(conditions).delay_s + self.delay_s)
 
 
@@ -124,25 +124,26 @@ class Lost(LineFault):
     kind: Literal["heading_loss", "gyro_loss", "wheel_speed_loss", "imu_roll_loss", "imu_pitch_loss"]
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Remove the measurement."""
+        """Mark the signal of the line as lost, so that the measurement is missing."""
         return None, self.distorted(conditions, lost=True)
 
 
 class Bias(LineFault):
-    """Base class of the measurement offsets. Each subclass has a key `bias` with the suffix of its unit, if any."""
+    """Base class of measurement offsets. Each subclass has a key `bias`, with a unit as suffix if the offset has a
+    unit."""
 
     ramp_s: NonNegative = 0.0
     """Time over which the offset grows linearly from zero [s], or 0 for an immediate offset."""
 
     @property
     def offset(self) -> float:
-        """Offset after the end of the ramp, in SI units."""
+        """Offset of the measurement after the end of the ramp, in SI units."""
         name = next(name for name in type(self).model_fields if name.startswith("bias"))
         value: float = getattr(self, name)
         return radians(value) if name.startswith("bias_deg") else value
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Add the offset to the measurement."""
+        """Add the offset, which may still be growing, to the measurement."""
         offset = self.distortion(conditions).offset + self.offset * self.grown(t, self.ramp_s)
         return None, self.distorted(conditions, offset=offset)
 

@@ -33,7 +33,7 @@ class ValveWear(Scripted):
     """Time over which the wear grows linearly from zero [s], or 0 for immediate wear."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Reduce the flow and widen the dead band."""
+        """Reduce the flow of the steering valve and widen its dead band."""
         grown = self.grown(t, self.ramp_s)
         gain = 1.0 - grown * (1.0 - self.gain_share)
         return None, conditions._replace(
@@ -52,7 +52,7 @@ class Friction(Scripted):
     """Factor on the friction [-]. Assumed value (range 0.5-0.7 for wet grass relative to dry ground)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Multiply the ground friction by `scale`."""
+        """Multiply the friction of the ground under all wheels by `scale`."""
         return None, conditions._replace(grip=conditions.grip * self.scale)
 
 
@@ -79,7 +79,7 @@ class SoftTyre(Scripted):
         return f"{self.kind} {self.wheel}"
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Reduce the stiffness and increase the rolling resistance of the tyre."""
+        """Reduce the stiffness and increase the rolling resistance of the affected tyre."""
         i = WHEELS.index(self.wheel)
         return None, conditions._replace(
             tyre_stiffness=_scaled(conditions.tyre_stiffness, i, self.stiffness_share),
@@ -111,7 +111,7 @@ class Payload(Scripted):
 
     @property
     def load(self) -> PointMass:
-        """Payload as a point mass."""
+        """Payload as a point mass attached to the chassis."""
         return PointMass(self.mass_kg, self.ahead_m, self.left_m, self.up_m)
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
@@ -141,7 +141,7 @@ class Drawbar(Scripted):
         return GaussMarkov.stationary(generator)
 
     def apply(self, state: GaussMarkov, conditions: Conditions, t: float, dt: float) -> tuple[GaussMarkov, Conditions]:
-        """Add the varying pull to the drawbar force."""
+        """Add the pull, with its random variation, to the drawbar force on the tractor."""
         spread = log1p(self.noise_share**2)
         pull = self.pull_n * exp(sqrt(spread) * state.value[0] - spread / 2)
         return state.after(dt, self.noise_time_s), conditions._replace(drawbar=conditions.drawbar + pull)

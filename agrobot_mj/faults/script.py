@@ -1,4 +1,4 @@
-"""Fault script of a run, and checks for contradictions between its faults."""
+"""Fault script of a run, and detection of contradictory faults."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -13,17 +13,18 @@ ScriptState = tuple[Any, ...]
 
 
 class Script(NamedTuple):
-    """Faults of a scenario, evaluated once per tick by `update`."""
+    """Faults of a scenario; `update` applies the active faults once per tick."""
 
     faults: Sequence[Scripted]  # Faults in the order of the scenario file, which is the order of their application
     seed: int
 
     def init(self) -> ScriptState:
-        """Return the initial states of the faults. Each fault has a separate random stream."""
+        """Return the initial states of all faults. Each fault has a separate random stream."""
         return tuple(fault.init(stream(self.seed, f"fault.{fault.subject}.{fault.start_s}")) for fault in self.faults)
 
     def update(self, state: ScriptState, t: float, dt: float) -> tuple[ScriptState, Conditions]:
-        """Return the new states and the conditions of a tick of `dt` [s] that starts at `t` [s]. Call once per tick."""
+        """Return the new fault states and the conditions of a tick of `dt` [s] that starts at `t` [s]. Call once per
+        tick."""
         states, found = list(state), NOMINAL
         for k, fault in enumerate(self.faults):
             if fault.active(t):
@@ -32,12 +33,13 @@ class Script(NamedTuple):
         return tuple(states), found
 
     def active(self, t: float) -> int:
-        """Return the number of faults active at `t` [s]."""
+        """Return the number of faults that are active at the time `t` [s]."""
         return sum(fault.active(t) for fault in self.faults)
 
 
 def clashes(faults: Sequence[Scripted]) -> list[str]:
-    """Return messages about overlaps of faults with the same subject; each starts with the key of the later fault."""
+    """Return a message for each overlap of faults with the same subject, which begins with the key of the later
+    fault."""
     found = []
     earlier: dict[str, list[int]] = {}
     for k, fault in enumerate(faults):
@@ -52,7 +54,7 @@ def clashes(faults: Sequence[Scripted]) -> list[str]:
 
 
 def loadings(faults: Sequence[Scripted]) -> list[tuple[int, tuple[PointMass, ...]]]:
-    """Return the payloads active at each start and end of a payload fault, with the index of the fault in `faults`."""
+    """Return the point masses that are active at each start and end of a payload fault, with the index of the fault."""
     found = []
     for k, fault in enumerate(faults):
         if isinstance(fault, Payload):
