@@ -1,5 +1,4 @@
-"""Scripted faults and disturbances, with one module per affected component. A fault changes the `Conditions` of a
-tick."""
+"""Scripted faults and disturbances, one module per affected component. A fault changes the `Conditions` of a tick."""
 
 from typing import Annotated
 

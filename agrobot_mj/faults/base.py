@@ -39,12 +39,11 @@ class Scripted(Spec):
         return inf if self.end_s is None else self.end_s
 
     def active(self, t: float) -> bool:
-        """Return whether the fault is active at the time `t` [s], with a tolerance for rounding errors at start and
-        end."""
+        """Return whether the fault is active at time `t` [s], with a tolerance for rounding errors at start and end."""
         return self.start_s <= t + ROUNDING_S < self.last_s
 
     def grown(self, t: float, ramp_s: float) -> float:
-        """Return the strength of the fault [-] at the time `t` [s]: a linear increase from 0 to 1 within `ramp_s`
+        """Return the strength of the fault [-] at time `t` [s], which grows linearly from 0 to 1 within `ramp_s`
         [s]."""
         return min(max((t - self.start_s) / ramp_s, 0.0), 1.0) if ramp_s > 0.0 else 1.0
 
@@ -57,6 +56,5 @@ class Scripted(Spec):
         return None
 
     def apply(self, state: Any, conditions: Conditions, t: float, dt: float) -> tuple[Any, Conditions]:
-        """Return the new state of the fault and the changed conditions, for a tick of `dt` [s] that starts at `t`
-        [s]."""
+        """Return the new fault state and the changed conditions, for a tick of `dt` [s] that starts at `t` [s]."""
         raise NotImplementedError

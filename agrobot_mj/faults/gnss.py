@@ -80,8 +80,7 @@ class GnssFrozen(Scripted):
     observed for 37 s on a tractor at rest [Jones2026]."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Freeze the reported position, select the reported velocity, and limit the quality to the configured
-        quality."""
+        """Freeze the reported position, select the reported velocity, and limit the quality to `quality`."""
         claimed = Quality.FIX if self.quality == "fix" else Quality.DGPS
         quality = worse(conditions.gnss_quality, claimed)
         return None, conditions._replace(gnss_frozen=self.keep, gnss_quality=quality)

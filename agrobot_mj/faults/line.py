@@ -129,8 +129,7 @@ class Lost(LineFault):
 
 
 class Bias(LineFault):
-    """Base class of measurement offsets. Each subclass has a key `bias`, with a unit as suffix if the offset has a
-    unit."""
+    """Base class of measurement offsets. Each subclass has a key `bias` with a suffix for the unit, if any."""
 
     ramp_s: NonNegative = 0.0
     """Time over which the offset grows linearly from zero [s], or 0 for an immediate offset."""

@@ -23,8 +23,7 @@ class Script(NamedTuple):
         return tuple(fault.init(stream(self.seed, f"fault.{fault.subject}.{fault.start_s}")) for fault in self.faults)
 
     def update(self, state: ScriptState, t: float, dt: float) -> tuple[ScriptState, Conditions]:
-        """Return the new fault states and the conditions of a tick of `dt` [s] that starts at `t` [s]. Call once per
-        tick."""
+        """Return the new fault states and the conditions of the tick from `t` to `t` + `dt` [s]. Call once per tick."""
         states, found = list(state), NOMINAL
         for k, fault in enumerate(self.faults):
             if fault.active(t):
@@ -38,8 +37,7 @@ class Script(NamedTuple):
 
 
 def clashes(faults: Sequence[Scripted]) -> list[str]:
-    """Return a message for each overlap of faults with the same subject, which begins with the key of the later
-    fault."""
+    """Return messages about overlapping faults with the same subject; each starts with the key of the later fault."""
     found = []
     earlier: dict[str, list[int]] = {}
     for k, fault in enumerate(faults):

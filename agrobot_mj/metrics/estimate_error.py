@@ -44,8 +44,7 @@ def _inner(a: Vectors, b: Vectors, across: bool) -> float:
 
 
 def contributions(view: RunView) -> tuple[Vectors, dict[str, Vectors]]:
-    """Return the error of the estimated CG and the contribution of each cause [m], complex numbers of shape
-    (ticks,)."""
+    """Return the error of the estimated CG and the contribution of each cause [m], as `Vectors` of shape (ticks,)."""
     s: Any = view.log.scenario
     tractor, column = s.tractor, view.column
     turned = np.exp(-1j * column("yaw"))
