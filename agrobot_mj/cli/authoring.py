@@ -16,7 +16,7 @@ def list_(
     sweeps: Annotated[bool, typer.Option("--sweeps", help="List the sweeps for `agrobot-mj sweep`.")] = False,
     machines: Annotated[bool, typer.Option("--machines", help="List the machines for `--machine`.")] = False,
 ) -> Answer:
-    """List the scenarios of the library."""
+    """List the scenarios shipped with the package."""
     if kinds + sweeps + machines > 1:
         raise ScenarioError("list: --kinds, --sweeps and --machines are mutually exclusive; specify only one of them")
     if kinds:
@@ -36,7 +36,7 @@ def list_(
 def explain(
     key: Annotated[str, typer.Argument(metavar="[KEY]", help="A dotted key, e.g. plant.tyre.kind.")] = "",
 ) -> None:
-    """Explain a key: unit, default, range, kinds, source.
+    """Explain a scenario key: unit, default, range, kinds, source.
 
     A word that is not a key is searched for in the names of keys, then in their descriptions.
     """

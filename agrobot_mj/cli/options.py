@@ -69,7 +69,7 @@ Recorded = Annotated[Path, typer.Argument(metavar="FILE.rrd", help="A recording.
 
 
 class Answer(NamedTuple):
-    """Result of a command."""
+    """Result of a command, for output as text or as JSON."""
 
     content: Mapping[str, Any]  # Result of the command: keys and values of the JSON document
     text: str  # Text printed at the end of the command
@@ -124,7 +124,7 @@ def with_plugins(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def with_machine(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a command with the option `--machine` if it accepts overrides, which apply after the machine."""
+    """Return a command with the option `--machine` if it has overrides. The machine is applied before the overrides."""
     if "sets" not in signature(command).parameters:
         return command
 

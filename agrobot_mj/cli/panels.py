@@ -13,7 +13,7 @@ PANELS = ("Run", "Field work", "Compare", "Field logs", "Check", "Connect", "Wri
 
 
 class HelpEntry(NamedTuple):
-    """Help entry of a command."""
+    """Entry of a command in the help text of the command line."""
 
     examples: Sequence[str] = ()  # Example command lines without the program name
     panel: str = "Other commands"

@@ -47,7 +47,7 @@ def snapshot(
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
-    """Render the tabs of a recording as PNGs."""
+    """Render the tabs of a recording as images."""
     from agrobot_mj.recording.transport.snapshot import Kind, SnapshotError, snapshots
     from agrobot_mj.simulation.results import results
 

@@ -34,31 +34,29 @@ def check_overrides(overrides: object) -> None:
 
 
 def check_update(found: Any, message: type[Message], stage: str, kind: str, method: str) -> tuple[Any, Message]:
-    """Return `found`, the result of a plugin method. Raises `ScenarioError` unless it is a pair (state, `message`
-    object)."""
+    """Return the result `found` of a plugin method, a pair (state, `message` object). Raises `ScenarioError`
+    otherwise."""
     if isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], message):
         return found
     raise _refusal(found, f"its state and {_one(message)}", stage, kind, method)
 
 
 def check_type(found: Any, wanted: type[Message], stage: str, kind: str, method: str) -> Message:
-    """Return `found`, the result of a plugin method. Raises `ScenarioError` unless it is an instance of `wanted`."""
+    """Return the result `found` of a plugin method. Raises `ScenarioError` unless `found` has the type `wanted`."""
     if isinstance(found, wanted):
         return found
     raise _refusal(found, _one(wanted), stage, kind, method)
 
 
 def check_pair(found: Any, wanted: str, stage: str, kind: str, method: str) -> tuple[Any, Any]:
-    """Return `found`, the result of a plugin method. Raises `ScenarioError` with the text `wanted` unless it is a
-    pair."""
+    """Return the result `found` of a plugin method, a pair. Raises `ScenarioError` with the text `wanted` otherwise."""
     if isinstance(found, tuple) and len(found) == 2:
         return found
     raise _refusal(found, wanted, stage, kind, method)
 
 
 def is_compiled(part: Any, *methods: str) -> bool:
-    """Return whether a stage has compiled code and no subclass overrides one of the `methods` that this code
-    replaces."""
+    """Return whether a stage has compiled code and no subclass overrides the `methods` that this code replaces."""
     kinds = type(part).__mro__
     first = {name: next(k for k, kind in enumerate(kinds) if name in vars(kind)) for name in ("compiled", *methods)}
     return part.compiled is not None and first["compiled"] == min(first.values())

@@ -19,8 +19,7 @@ LIKENESS = 0.6  # Minimum similarity of a word suggested in place of an unknown 
 
 
 def shortened(text: str, most: int = LONGEST_VALUE) -> str:
-    """Return `text`; if longer than `most` characters, with an ellipsis in place of its middle and its length
-    appended."""
+    """Return `text`. Beyond `most` characters, an ellipsis replaces the middle, and the length is appended."""
     return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 4 :]} ({len(text)} characters)"
 
 

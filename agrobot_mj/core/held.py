@@ -83,7 +83,7 @@ def number_of(reference: Any) -> int:
 
 
 def holding(value: Any) -> Callable[..., Any]:
-    """Return a kernel function that copies a named tuple of the type `value` and returns a reference to the copy."""
+    """Return a kernel function that copies a named tuple of the numba type `value` and returns a reference to it."""
     kind = HeldType(value)
     number = kind.number
 

@@ -64,7 +64,7 @@ def code_text() -> str:
 
 
 def read_identity(text: object) -> Identity | None:
-    """Return the run identity parsed from its text, or None for an invalid text."""
+    """Return the run identity parsed from its text, or None unless the text has five parts."""
     parts = text.split("-") if isinstance(text, str) else []
     return Identity(*parts) if len(parts) == len(Identity._fields) else None
 

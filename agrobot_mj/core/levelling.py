@@ -35,8 +35,8 @@ class SmoothedTilt(NamedTuple):
         return SmoothedTilt(self.roll + d_roll, self.pitch + d_pitch, d_roll / dt, d_pitch / dt)
 
     def heading_rate(self, gyro: float, body: bool) -> float:
-        """Return the heading rate [rad/s] from a gyro [rad/s], with the chassis z axis if `body`, else a vertical
-        axis."""
+        """Return the heading rate [rad/s] from a `gyro` rate [rad/s] about the chassis z axis if `body`, else the
+        vertical."""
         if body:
             return (gyro + self.pitch_rate * sin(self.roll)) / (cos(self.roll) * cos(self.pitch))
         return gyro + self.roll_rate * sin(self.pitch)

@@ -11,7 +11,7 @@ from agrobot_mj.core.signals import SOUND, Distortion
 
 
 class SignalLine(NamedTuple):
-    """State of a signal line between two ticks."""
+    """State of a signal line between two ticks: last received value and values in transit."""
 
     last: float | None = None  # Last value that arrived, or None before the first value
     pending: tuple[float, ...] = ()  # Values in transit, oldest first

@@ -23,7 +23,7 @@ class _Library(JITCodeLibrary):  # type: ignore[misc]
     _generated = False
 
     def _optimize_final_module(self) -> None:
-        """Postpone the optimization to `_generate`."""
+        """Postpone the optimization until `_generate` is called."""
 
     def _finalize_final_module(self) -> None:
         """Check the LLVM code, or load the machine code if the function comes from the cache."""

@@ -69,8 +69,7 @@ class _Finder(pickle.Pickler):
 
 
 def branch(generator: Generator, number: int) -> None:
-    """Change the state of a generator in place to a stream that depends only on seed, stream name and branch
-    `number`."""
+    """Switch a generator in place to a random stream that depends only on seed, stream name and branch `number`."""
     bits = generator.bit_generator
     seed = cast(SeedSequence, bits.seed_seq)
     bits.state = type(bits)(SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, _BRANCH, number))).state

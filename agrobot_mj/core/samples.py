@@ -21,7 +21,7 @@ T, X, Y, YAW, CURVATURE, SPEED, S, TURNED, DIRECTION = range(
 
 
 class Sample(NamedTuple):
-    """Sampled point of a path."""
+    """Sampled point of a path, with the motion of the reference at this point."""
 
     t: float  # Time at which the reference motion passes the point [s]
     x: float  # East coordinate [m]

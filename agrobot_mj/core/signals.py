@@ -40,9 +40,9 @@ class Column(NamedTuple):
 
     name: str
     unit: str
-    """SI unit. Angles are in rad, and dimensionless signals have the unit "-"."""
+    """SI unit of the signal. Angles are in rad, and dimensionless signals have the unit "-"."""
     description: str
-    """Description in one line: quantity, frame and sign."""
+    """Description of the signal in one line: quantity, frame and sign."""
     drawn: bool = True
     """Whether recordings plot the signal separately if no other plot contains it. The log contains all signals."""
 
@@ -69,13 +69,13 @@ class Truth(NamedTuple):
     lateral_speed: float
     """Velocity of the CG to the left of the heading, v in the paper [m/s]."""
     yaw_rate: float
-    """Yaw rate, gamma in the paper [rad/s]."""
+    """Yaw rate, gamma in the paper [rad/s], positive to the left."""
     steer: float
     """Steering angle of the virtual front wheel of the bicycle model [rad], positive to the left."""
     pedal: float
     """Position of the drive pedal from -1 (full reverse) to 1 (full forward) [-]."""
     rear_x: float
-    """East coordinate of R [m], the point on the ground below the centre of the rear axle."""
+    """East coordinate of the rear-axle point R [m], which is on the ground below the centre of the rear axle."""
     rear_y: float
     """North coordinate of the rear-axle point R [m]."""
     antenna: tuple[float, float, float]
@@ -119,11 +119,11 @@ class Fix(NamedTuple):
 
 
 NO_FIX = Fix(nan, nan, nan, nan)
-"""Value that represents a missing fix in compiled stages."""
+"""Fix with NaN in all fields, which represents a missing fix in compiled stages."""
 
 
 class Quality:
-    """Quality of a GNSS solution, as in column `gnss_quality`. DGPS, a corrected code solution, is worse than FLOAT."""
+    """Quality of a GNSS solution, as in the column `gnss_quality`. DGPS (corrected code) is worse than FLOAT."""
 
     NONE, FLOAT, FIX, DGPS = range(4)
 
@@ -164,7 +164,7 @@ class Distortion(NamedTuple):
 SOUND = Distortion()
 
 Frozen = Literal["", "nothing", "velocity", "live_velocity"]
-"""Velocity reported by a receiver with a frozen position: zero, last or true velocity; "" if it is not frozen."""
+"""Velocity from a receiver with a frozen position: zero, last or true velocity; "" for an intact receiver."""
 
 
 class Conditions(NamedTuple):
@@ -219,9 +219,9 @@ class Measurement(NamedTuple):
     steer: float
     """Filtered steering angle from the potentiometer [rad], positive to the left."""
     pedal: float
-    """Filtered pedal position from the potentiometer [-]."""
+    """Filtered pedal position from the potentiometer [-], from -1 (full reverse) to 1 (full forward)."""
     gyro: float
-    """Yaw rate from the gyro [rad/s], or NaN if not measured."""
+    """Yaw rate from the gyro [rad/s], positive to the left, or NaN if not measured."""
     roll: float = nan  # Roll from the inertial unit [rad], left side up positive, or NaN if not measured
     pitch: float = nan  # Pitch from the inertial unit [rad], nose down positive, or NaN if not measured
     wheel_speed: float = nan
@@ -238,11 +238,11 @@ class Estimate(NamedTuple):
     y: float
     """North coordinate of the CG [m]."""
     yaw: float
-    """Heading, or course of the rear-axle point R if the estimator estimates the course [rad], wrapped to (-pi, pi]."""
+    """Heading, or course of the rear-axle point R for an estimator of the course [rad], wrapped to (-pi, pi]."""
     speed: float
     """Velocity of the rear-axle point R along `yaw`, negative in reverse [m/s]."""
     yaw_rate: float
-    """Yaw rate [rad/s]."""
+    """Yaw rate [rad/s], positive to the left."""
     rear_x: float
     """East coordinate of the rear-axle point R [m]."""
     rear_y: float

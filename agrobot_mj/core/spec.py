@@ -123,7 +123,7 @@ Latency = Annotated[float, Field(ge=0, le=5), AfterValidator(whole_ticks), Discr
 
 
 class Spec(BaseModel):
-    """Base class of frozen configuration classes, with units in the key names. Unknown keys are errors."""
+    """Base class of configuration classes, which are frozen, have units in the key names and reject unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True, defer_build=True)
 

@@ -97,7 +97,8 @@ class TableClass(NamedTuple):
 
 
 def keys(owner: type[Spec], prefix: str = "", above: tuple[type[Spec], ...] = ()) -> Iterator[Key]:
-    """Yield all keys of the class `owner` and of its nested classes. A class nested in itself is visited once."""
+    """Yield all keys of the class `owner` and of its nested classes. A class that is nested in itself is visited
+    once."""
     for name, field in owner.model_fields.items():
         yield Key(prefix + name, owner, name)
         for member in members(field.annotation).values():
@@ -106,7 +107,7 @@ def keys(owner: type[Spec], prefix: str = "", above: tuple[type[Spec], ...] = ()
 
 
 class Index(NamedTuple):
-    """Index of all keys of a schema, in the order of traversal."""
+    """Index of all keys of a configuration schema, in the order of traversal."""
 
     tables: dict[str, list[Key]]  # Keys by the name of their table
     names: dict[str, list[str]]  # Dotted keys by their last part, without duplicates

@@ -25,7 +25,7 @@ class ValveWear(Scripted):
 
     kind: Literal["valve_wear"] = "valve_wear"
     gain_share: Fraction = 0.7
-    """Remaining fraction of the flow at all voltages [-]. Assumed value (range 0.5-0.9, due to leakage past the
+    """Remaining fraction of the valve flow at all voltages [-]. Assumed value (range 0.5-0.9, due to leakage past the
     spool)."""
     dead_band_v: Annotated[float, Field(ge=0, le=6)] = 0.4
     """Increase of the half width of the dead band [V]. Assumed value (range 0.2-0.8, 2-7 % of the voltage range)."""

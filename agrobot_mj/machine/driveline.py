@@ -104,7 +104,7 @@ class Driveline(Spec):
         return self
 
     def strength(self, tractor: TractorParameters) -> "Strength":
-        """Return maximum torque, power, brake torque, stiffness and damping; the defaults scale with the machine."""
+        """Return maximum torque, power, brake torque, stiffness and damping; defaults scale with the machine size."""
         mass = tractor.mass_kg / COMPACT.mass_kg
         moment = mass * (tractor.rear_wheel_radius_m / COMPACT.rear_wheel_radius_m)
         weight = tractor.mass_kg * tractor.rear_wheel_radius_m

@@ -19,7 +19,7 @@ DENSEST_KPA, DENSEST_DRAWN_KPA = 70.0, 150.0
 """Maximum plausible wheel load divided by tyre width times diameter [kPa], for tractors and for implements. Assumed
 values, above the maxima of 45 and 100 in manufacturers' tables."""
 LIGHTEST_KN_M3 = 4.0
-"""Minimum plausible weight of a machine divided by the sum of squared diameter times width of its wheels [kN/m3].
+"""Minimum plausible weight of a machine divided by the sum over its wheels of squared diameter times width [kN/m3].
 Assumed value, below the values of quads and light robots (7-10) and of the machines in the library (15-26)."""
 HIGHEST_BAR = 250.0  # Maximum pressure of a real steering system [bar]. Assumed value: 100-200 are common.
 LEAST_PULL, LEAST_POWER = 0.15, 0.07
@@ -100,7 +100,7 @@ def _drive(machine: Machine, hitched: HitchedBody | None, speed: float) -> Itera
 
 
 def ratios_of(tractor: TractorParameters, driveline: Driveline, implement: ImplementBase) -> dict[str, float]:
-    """Return the ratios [-] of a machine's dimensions to those of the compact tractor, by name.
+    """Return the dimensions of a machine divided by the dimensions of the compact tractor [-], by name.
 
     The ratios compare wheelbase, track width, working width, turning radius, mass, static axle loads and full speed.
     The working width is the width of the implement if given; otherwise it scales with the track width.

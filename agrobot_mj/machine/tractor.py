@@ -13,7 +13,7 @@ from agrobot_mj.machine.tyre_size import TyreSize, nominal_size, tyre_size
 
 GRAVITY = 9.81  # Gravitational acceleration [m/s2], as MuJoCo's default
 Body = Literal["open", "roll_bar", "cab", "robot"]
-"""Appearance of a machine: seat without roll bar, seat with roll bar, cab, or deck without seat."""
+"""Appearance of a machine: seat without roll bar (`open`), seat with roll bar, cab, or deck without seat (`robot`)."""
 WITH_ROLL_BAR_KG, WITH_CAB_KG = 450.0, 2500.0
 """Minimum masses of tractors that are shown with a roll bar, and with a cab, respectively [kg]. Assumed values."""
 
@@ -102,7 +102,7 @@ class TractorParameters(Spec):
     """Inflation pressure of the front tyres [bar]. Default: 0.6-2.4, so that the static load deflects the tyre by 20 %
     of the section height."""
     rear_tyre_pressure_bar: PressureBar | None = None
-    """Inflation pressure of the rear tyres [bar]. Default: as for the front tyres."""
+    """Inflation pressure of the rear tyres [bar]. Default: computed from the load as for the front tyres."""
     front_tyre_stiffness_n_m: Positive | None = None
     """Vertical stiffness of one front tyre [N/m]. Default: computed from size and pressure [Rhyne2005], 7.6e4 for the
     compact tractor."""

@@ -75,8 +75,8 @@ class PassAccuracy(Metric):
 def pass_to_pass(path: Parallel, time: Array, x: Array, y: Array) -> dict[str, Any]:
     """Return the pass-to-pass accuracy of a run as JSON values, lengths in metres.
 
-    `time` [s] is the time at which the reference is closest to the CG (`crosstrack.BesidePath.time`), and `x`, `y` [m]
-    the position of the CG, each of shape (ticks,). Without two neighbouring passes the pass-to-pass error is None.
+    `time` [s] is the time at which the reference passes the path point nearest to the CG, and `x`, `y` [m] the position
+    of the CG, each of shape (ticks,). Without two neighbouring passes the pass-to-pass error is None.
     """
     passed = driven(path, time, x, y)
     by_line = sorted(passed, key=lambda one: one.line)

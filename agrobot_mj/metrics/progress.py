@@ -28,8 +28,8 @@ STEP_M = 0.25
 """Spacing of the evaluated tractor positions, and minimum path length for computing the driven fraction [m]."""
 ASTRAY_M = 1.0  # Distance from the path above which the nearest point is also searched near the reference [m]
 LEAP_M = 1.5
-"""Maximum path length counted as driven between two positions [m]. It exceeds STEP_M, because the path is longer than
-the track of a tractor on the inside of a bend."""
+"""Maximum path length counted as driven between two positions [m]. This length exceeds STEP_M, because the path is
+longer than the track of a tractor on the inside of a bend."""
 
 
 class PathProgress(NamedTuple):
@@ -66,7 +66,7 @@ def progress_of(route: SampledRoute, duration: float | None, columns: Sequence[A
 
 
 def commanded_progress(t: Array, asked: Array, speed: Array) -> PathProgress:
-    """Return the progress of guidance without a path: driven distance, and distance of the speed commands `asked`.
+    """Return the progress of guidance without a path: driven distance, and distance commanded by the speeds `asked`.
 
     Both distances are integrals of absolute speeds. Times are in s, speeds in m/s, shape (n,) each, NaN if missing.
     """

@@ -57,7 +57,7 @@ class Tracking(Metric):
 
 
 class DrivenShare(Metric):
-    """Driven fraction of the path length."""
+    """Fraction of the path length that the tractor has driven."""
 
     kind: Literal["progress"] = "progress"
     columns: ClassVar = (Column("progress", "-", "driven fraction of the path length; null for a path without length"),)

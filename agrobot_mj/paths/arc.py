@@ -103,7 +103,7 @@ def _quadrature(start: Pose, curvature: float, half: float, sharpness: float) ->
 
 @shared
 def progress(t: float, ramp: float) -> tuple[float, float]:
-    """Return the distance [s] and the speed [-] at time `t` [s], divided by the speed after a ramp of `ramp` [s]."""
+    """Return the distance [s] and speed [-] at time `t` [s], both divided by the speed after a ramp of `ramp` [s]."""
     if t >= ramp:
         return t - ramp / 2, 1.0
     return (t * t / (2 * ramp), t / ramp) if t > 0 else (0.0, 0.0)

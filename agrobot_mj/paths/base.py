@@ -40,7 +40,7 @@ class PathOutline(NamedTuple):
 
 
 def reference_at(path: "ReferencePath", t: float) -> Reference:
-    """Return the reference state of a path at time `t` [s]. Raise an error unless it is a finite `Reference`."""
+    """Return the reference state of a path at time `t` [s]. Raise an error if the state is not a finite `Reference`."""
     kind = getattr(path, "kind", "")
     found = check_type(path.at(t), Reference, "the path", kind, "at")
     try:

@@ -106,7 +106,7 @@ class SampledRoute:
         return self._end < s + STEP_M and self._grow(beyond=s + STEP_M)
 
     def search(self, x: float, y: float, near: float, t: float) -> tuple[int, bool]:
-        """Return the index of the sample nearest to (x, y) [m], and whether it is inside the search range."""
+        """Return the index of the sample nearest to (x, y) [m], and whether this sample is inside the search range."""
         low, high = self.leg(t)
         near = min(max(near, low), high)
         self._grow(beyond=near + WINDOW_M)
@@ -123,8 +123,8 @@ class SampledRoute:
         return float(self.distances[k])
 
     def lap(self) -> float:
-        """Return the lap length [m], after which the headings of the path repeat, or the path length if they never
-        repeat."""
+        """Return the distance [m] after which the headings of the path repeat, or the path length without a
+        repetition."""
         if self._lap is None:
             self._grow(until=self.path.duration_s)
             known = self._samples[: max(self.number_at(self.path.duration_s) + 1, 2)]
@@ -190,7 +190,7 @@ class SampledRoute:
             self._keep(kept)
 
     def _keep(self, new: Array) -> None:
-        """Append samples to the array of samples, whose capacity doubles when it is full."""
+        """Append samples to a buffer, whose capacity doubles when the buffer is full."""
         count, end = len(self._samples), len(self._samples) + len(new)
         if end > len(self._buffer):
             self._buffer = np.empty((2 * end, WIDTH))  # unwritten parts use no memory

@@ -73,11 +73,11 @@ class Course(NamedTuple):
         return found
 
     def distances(self) -> Array:
-        """Return the arc length of each joint of segments and both ends [m], shape (segments + 1,)."""
+        """Return the arc lengths of all joints of segments and of both ends [m], shape (segments + 1,)."""
         return np.concatenate(([0.0], np.cumsum(self.lengths)))
 
     def joints(self) -> tuple[Array, Array, Array]:
-        """Return x [m], y [m] and yaw [rad] of each joint of segments and both ends, of shape (segments + 1,)."""
+        """Return x [m], y [m] and yaw [rad] of all joints of segments and of both ends, shape (segments + 1,) each."""
         along = self.directions * self.lengths
         turned = along * (self.curvatures + self.sharpnesses * self.lengths / 2)
         yaw = self.start.yaw + np.concatenate(([0.0], np.cumsum(turned)))

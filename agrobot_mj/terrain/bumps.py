@@ -22,7 +22,7 @@ Bump = tuple[float, float, float]  # Centre (x, y) [m] and heading [rad] of a bu
 
 
 class Bumps(Generated):
-    """Bumps or pits of equal size on level or tilted ground."""
+    """Terrain with bumps or pits of equal size on level or tilted ground."""
 
     VERTICAL: ClassVar[str] = "height_m"
 
@@ -92,9 +92,9 @@ class Bumps(Generated):
 
 
 def _raise(heights: Array, nodes: tuple[Array, Array], bump: Bump, size: tuple[float, float]) -> None:
-    """Raise `heights` to a bump of unit height where the bump is higher; `size` is its length and width [m].
+    """Raise `heights` to a bump of unit height where the bump is higher.
 
-    `nodes` contains the coordinates of the columns and of the rows of `heights` [m].
+    `size` is the length and width of the bump [m], and `nodes` the coordinates of columns and rows of `heights` [m].
     """
     x, y, heading = bump
     reach = np.hypot(*size) / 2

@@ -60,7 +60,7 @@ class Generated(Sized, Tilted):
         return self.tilted(ground)
 
     def _cells(self) -> tuple[int, int]:
-        """Return the numbers of cells to the east and north. Raises ValueError if they are too large or too many."""
+        """Return the numbers of cells to the east and north. Raises ValueError for too large or too many cells."""
         if self.node_m > self.finest():
             raise ValueError(
                 f"node_m: {self.node_m:g} m is too coarse for this relief; set a value of at most {self.finest():.3g}"

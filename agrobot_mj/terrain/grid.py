@@ -30,13 +30,11 @@ class Surface(NamedTuple):
     y0: float  # South edge of the grid [m]
     spacing: float  # Side length of a cell [m]
     friction: Array  # Factor on the tyre friction [-], shape (rows, columns)
-    cone_index: Array  # Cone index of the soil [Pa], same shape; 0 selects the cone index of the tyre law
+    cone_index: Array  # Cone index of the soil [Pa], same shape; 0 selects the tyre law
     rolling: Array = np.empty((0, 0))
-    """Rolling resistance divided by load [-], in the shape of `friction` or empty; 0 stands for that of the tyre
-    law."""
+    """Rolling resistance divided by load [-], in the shape of `friction` or empty. 0 selects the tyre law."""
     elsewhere: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    """Friction factor [-], cone index [Pa] and rolling resistance [-] outside the grid, where 0 has the same
-    meaning."""
+    """Friction factor [-], cone index [Pa] and rolling resistance [-] outside the property grid."""
 
 
 NOTHING_SPECIAL = Surface(0.0, 0.0, 1.0, np.empty((0, 0)), np.empty((0, 0)))
@@ -72,7 +70,7 @@ class Ground(NamedTuple):
 
     @property
     def is_plane(self) -> bool:
-        """Whether all nodes of the height grid lie in one plane."""
+        """Whether the height grid is known to be a plane: created by `plane`, or one cell with coplanar nodes."""
         h = self.heights
         return self.planar or (h.shape == (2, 2) and abs(h[0, 0] + h[1, 1] - h[0, 1] - h[1, 0]) < 1e-9)
 
@@ -97,8 +95,7 @@ def height_and_gradient(ground: Ground, x: float, y: float) -> tuple[float, floa
 
 @kernel
 def surface_at(surface: Surface, x: float, y: float) -> tuple[float, float]:
-    """Return the friction factor [-] and cone index [Pa] at (x, y) [m]; cone index 0 stands for that of the tyre
-    law."""
+    """Return the friction factor [-] and cone index [Pa] at (x, y) [m]. A cone index of 0 selects the tyre law."""
     rows, columns = surface.friction.shape
     a, b = (x - surface.x0) / surface.spacing, (y - surface.y0) / surface.spacing
     if not (0.0 <= a < columns and 0.0 <= b < rows):
@@ -108,7 +105,7 @@ def surface_at(surface: Surface, x: float, y: float) -> tuple[float, float]:
 
 @kernel
 def rolling_at(surface: Surface, x: float, y: float) -> float:
-    """Return the rolling resistance divided by load [-] at (x, y) [m]; 0 stands for that of the tyre law."""
+    """Return the rolling resistance divided by load [-] at (x, y) [m]. A result of 0 selects the tyre law."""
     rows, columns = surface.rolling.shape
     a, b = (x - surface.x0) / surface.spacing, (y - surface.y0) / surface.spacing
     if not (0.0 <= a < columns and 0.0 <= b < rows):

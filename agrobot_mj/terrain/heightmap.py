@@ -20,7 +20,7 @@ from agrobot_mj.terrain.shapes import Coordinate
 
 
 class Heightmap(Tilted):
-    """Heights from a file: `.npy`, `.png` (grey, 16 or 8 bits), `.asc` or `.tif` (GeoTIFF)."""
+    """Terrain with heights from a file: `.npy`, `.png` (grey, 16 or 8 bits), `.asc` or `.tif` (GeoTIFF)."""
 
     kind: Literal["heightmap"] = "heightmap"
     file: str = Field(default="hills.asc", min_length=1)

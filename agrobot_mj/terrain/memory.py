@@ -41,7 +41,7 @@ FORGETS = SoilMemory(
 
 
 class SavedSoil(NamedTuple):
-    """Copy of the tiles in use of a soil memory."""
+    """Copy of a soil memory without its unused tiles."""
 
     places: AnyArray  # Row and column of each tile, int32 of shape (n, 2), in the order of `cells`
     cells: AnyArray  # Numbers of each cell (see `SINKAGE`), float64 of shape (n, TILE, TILE, VALUES)

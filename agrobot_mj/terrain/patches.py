@@ -22,7 +22,7 @@ class Base(NamedTuple):
     """Ground properties outside the patches."""
 
     properties: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    """Friction factor [-], cone index [Pa], rolling resistance [-]; in the last two, 0 means that of the tyre law."""
+    """Friction factor [-], cone index [Pa] and rolling resistance [-]; 0 in the last two selects the tyre law."""
     variation: Variation | None = None  # Random variation about these properties, or None for uniform ground
 
 

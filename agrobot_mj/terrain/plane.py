@@ -7,7 +7,7 @@ from agrobot_mj.terrain.grid import Ground, plane
 
 
 class Flat(Sized, Landscape):
-    """Level ground at height zero."""
+    """Terrain with level ground at height zero."""
 
     kind: Literal["flat"] = "flat"
 
@@ -17,7 +17,7 @@ class Flat(Sized, Landscape):
 
 
 class Slope(Sized, Tilted):
-    """Plane that rises by `grade_deg` towards `direction_deg`, with height zero at the origin."""
+    """Terrain on a plane that rises by `grade_deg` towards `direction_deg`, with height zero at the origin."""
 
     kind: Literal["slope"] = "slope"
     grade_deg: Grade = 5.0

@@ -23,7 +23,7 @@ LEVEL_SHARE = 0.3  # Length of a level crest, and of a level trough, divided by 
 
 
 class Ridges(Generated):
-    """Parallel furrows."""
+    """Terrain with parallel furrows."""
 
     VERTICAL: ClassVar[str] = "depth_m"
 

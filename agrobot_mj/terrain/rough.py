@@ -36,7 +36,7 @@ ROLL_OFF = 0.7  # Wave number at which the roll-off starts, divided by the maxim
 
 
 class Rough(Generated):
-    """Random ground of an ISO 8608 roughness class."""
+    """Terrain with random roughness of an ISO 8608 class."""
 
     VERTICAL: ClassVar[str] = "iso_class"
 

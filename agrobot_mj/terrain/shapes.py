@@ -28,7 +28,8 @@ class Special(Spec):
     cone_index_kpa: ConeIndex | None = None
     """Cone index of the soil [kPa]. Default: value of `surface`, else of `terrain.surface`, else of the tyre law."""
     rolling_resistance: Annotated[float, Field(ge=0, le=1)] | None = None
-    """Rolling resistance on firm ground divided by load [-]. Default: as for `cone_index_kpa`."""
+    """Rolling resistance on firm ground divided by load [-]. Default: from `surface`, `terrain.surface` or the tyre
+    law."""
     cell_m: Annotated[float, Field(ge=0.01, le=HUGE)] = 0.25
     """Side length of the grid cells that represent the shape [m]. The minimum of all patches applies to all patches."""
 
@@ -51,15 +52,15 @@ class Special(Spec):
         raise NotImplementedError
 
     def properties(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return the friction factor [-] and cone index [Pa] at the points (x, y), same shape as `x`.
+        """Return the friction factor [-] and cone index [Pa] at the points (x, y) [m], in the shape of `x`.
 
-        A cone index of 0 means that the value of the terrain outside the patches applies.
+        A cone index of 0 means that the cone index of the terrain outside the patches applies.
         """
         return np.full(x.shape, self.friction), np.full(x.shape, 1e3 * (self.cone_index_kpa or 0.0))
 
 
 class RectanglePatch(Special):
-    """Rectangle defined by centre, size and heading."""
+    """Rectangular ground patch defined by centre, size and heading."""
 
     kind: Literal["rectangle"] = "rectangle"
     x_m: float = 0.0
@@ -88,7 +89,7 @@ class RectanglePatch(Special):
 
 
 class CirclePatch(Special):
-    """Circle defined by centre and radius."""
+    """Circular ground patch defined by centre and radius."""
 
     kind: Literal["circle"] = "circle"
     x_m: float = 0.0
@@ -109,7 +110,7 @@ class CirclePatch(Special):
 
 
 class PolygonPatch(Special):
-    """Polygon defined by its corners. If edges cross, points enclosed an even number of times are outside."""
+    """Ground patch with the shape of a polygon. If edges cross, points enclosed an even number of times are outside."""
 
     kind: Literal["polygon"] = "polygon"
     points: Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=3, max_length=1000)] = (
@@ -142,7 +143,7 @@ class PolygonPatch(Special):
 
 
 class PicturePatch(Special):
-    """Grey image as a map of ground properties, north at the top; black pixels have `friction` and `cone_index_kpa`."""
+    """Ground patch defined by a grey image, north at the top; black pixels have `friction` and `cone_index_kpa`."""
 
     kind: Literal["image"] = "image"
     file: Annotated[str, Field(min_length=1)]

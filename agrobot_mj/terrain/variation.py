@@ -42,7 +42,7 @@ maximum accepted cone index), and all frictions (concrete 1-1.2, tilled 0.8-1, s
 LEAST_FRICTION, MOST_FRICTION = 0.05, 3.0  # Minimum and maximum of the random friction factor [-]. Assumed values.
 CELLS_PER_LENGTH = 4  # Default number of cells per correlation length [-]
 EDGE_LENGTHS = 6
-"""Width of the margin of the embedding grid divided by the correlation length [-], with a correlation of 0.25 %."""
+"""Margin of the embedding grid divided by the correlation length [-], over which the correlation falls to 0.25 %."""
 
 
 class Variation(Spec):

@@ -61,7 +61,7 @@ FIRM = Bearing(0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 1.0)  # Parameters of firm ground, 
 
 
 class Tread(NamedTuple):
-    """Geometry and stiffness of a tyre on soil."""
+    """Dimensions and carcass stiffness of a tyre on soil."""
 
     radius: float  # Free radius R [m]
     width: float  # Section width b [m]
@@ -176,7 +176,7 @@ def yield_cell(soil: Bearing, k: float, E: float, factor: float, D: float, cells
 def press_cell(
     soil: Bearing, k: float, E: float, factor: float, D: float, memory: SoilMemory, row: int, column: int
 ) -> float:
-    """Press the soil cell at `row` and `column` of the grid to the depth `D` [m]; return its pressure [Pa]."""
+    """Press the soil cell at `row` and `column` of the soil memory to the depth `D` [m]; return its pressure [Pa]."""
     at = (tile_of(memory, row // TILE, column // TILE), row % TILE, column % TILE)
     pressure = hold_cell(E, D, memory.cells, at)
     return pressure if pressure >= 0.0 else yield_cell(soil, k, E, factor, D, memory.cells, at)

@@ -111,7 +111,7 @@ def brush(K_x: Array, a: Array, b: Array) -> tuple[Array, Array]:
 
 
 def with_soil_memory(ground: Ground, bearing: Bearing) -> Ground:
-    """Return `ground`, with a soil memory if `bearing` is plastic soil. Raises ValueError for too small soil cells."""
+    """Return `ground`, with a soil memory for plastic soil in `bearing`. Raises ValueError for too small soil cells."""
     if bearing.k_phi <= 0.0:
         return ground
     try:

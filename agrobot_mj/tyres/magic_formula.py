@@ -114,7 +114,7 @@ class Curve(Spec):
 
     @property
     def peak(self) -> float:
-        """Normalised slip s K / D at the maximum of the curve [-]."""
+        """Normalised slip s K / D at the maximum of the curve [-], or 10 for a shape factor C without a maximum."""
         C, E = self.shape, self.curvature
         if C <= 1.0:
             return 10.0
@@ -124,7 +124,7 @@ class Curve(Spec):
         return C * b
 
     def law(self) -> CurveLaw:
-        """Return the coefficients as a tuple for the compiled kernel."""
+        """Return the coefficients of the curve as a tuple for compiled functions."""
         return CurveLaw(self.mu, self.mu_load, self.stiffness_per_load, self.stiffness_load, self.shape, self.curvature)
 
 
@@ -156,7 +156,7 @@ class AxleTyre(Spec):
 
 
 class MagicFormula(CarcassTyre):
-    """Default tyre: a small agricultural tyre on firm ground."""
+    """Default tyre: a small agricultural tyre on firm ground, with the Magic Formula."""
 
     sized: ClassVar = {"trail_m": {"length": 1}}
 
@@ -180,7 +180,7 @@ class MagicFormula(CarcassTyre):
         return self.front.law(tractor.front_wheel.load, a), self.rear.law(tractor.rear_wheel.load, a)
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Yield a message for each wheel load outside `KNOWN_LOADS`."""
+        """Yield a message for each wheel load outside the range `KNOWN_LOADS`."""
         for load, tyre, wheel in zip(loads, (self.front, self.rear), tractor.wheels, strict=True):
             reference = tyre.law(wheel.load).F_z0
             if not KNOWN_LOADS[0] <= (share := load / reference) <= KNOWN_LOADS[1]:

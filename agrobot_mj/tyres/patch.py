@@ -89,7 +89,7 @@ class ContactPatch(NamedTuple):
 
 @kernel
 def down_in_wheel_plane(n: Vector, axle: Vector) -> Vector:
-    """Return the unit vector in the plane of a wheel that points towards the ground, which has the normal `n`."""
+    """Return the unit vector in the plane of a wheel that points down to the ground, whose normal is `n`."""
     return unit(minus(scaled(dot(n, axle), axle), n))
 
 

@@ -69,7 +69,7 @@ def cross_track_of(message: SteerData, dialect: str) -> float:
 
 
 def cross_track_byte(distance: float, dialect: str) -> int:
-    """Return the `SteerData` byte for the cross-track error `distance` [m], positive to the left, for a host
+    """Return the `SteerData` byte for the cross-track error `distance` [m], positive to the left, in a host
     `dialect`."""
     if dialect == "agopenweb":
         return limited(-distance * 100, -127, 127) & 0xFF

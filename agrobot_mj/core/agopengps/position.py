@@ -44,7 +44,8 @@ def paogi(s: Solution, a: BoardAttitude) -> bytes:
 
 
 def _fixed(value: float, decimals: int) -> str:
-    """Format an angle [rad] in degrees with a fixed number of decimals; NaN and negative zero become 0."""
+    """Format an angle [rad] or an angular rate [rad/s] in degrees with fixed decimals; NaN and negative zero become
+    0."""
     return f"{0.0 if isnan(value) else round(degrees(value), decimals) + 0.0:.{decimals}f}"
 
 

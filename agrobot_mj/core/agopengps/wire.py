@@ -32,12 +32,12 @@ class Unknown(NamedTuple):
 
 
 def check(body: bytes) -> int:
-    """Return the check byte of a frame whose bytes from the source to the last data byte are `body`."""
+    """Return the check byte of a frame for `body`, the bytes of the frame from the source to the last data byte."""
     return sum(body) & 0xFF
 
 
 def frame(source: int, number: int, data: bytes) -> bytes:
-    """Return the frame of a message with at most 255 bytes of `data`."""
+    """Return the bytes of the frame of a message with at most 255 bytes of `data`."""
     body = bytes((source, number, len(data))) + data
     return PREAMBLE + body + bytes((check(body),))
 

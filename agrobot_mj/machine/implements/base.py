@@ -29,8 +29,8 @@ class Axle(NamedTuple):
     at: Place  # Midpoint between the wheel centres at static load [m], relative to the hitch of the tractor
     track: float  # Distance between the centre planes of the wheels [m]
     wheel: AxleWheel  # Properties of each wheel
-    slip_stiffness: float  # Slip stiffness of the tyres divided by that of the plant's tyre law [-]
-    rolling: float  # Rolling resistance of the tyres divided by that of the plant's tyre law [-]
+    slip_stiffness: float  # Factor on the slip stiffness of the plant's tyre law [-]
+    rolling: float  # Factor on the rolling resistance of the plant's tyre law [-]
 
 
 class DepthWheel(NamedTuple):
@@ -146,7 +146,8 @@ def wheel_loads(tractor: TractorParameters, hitched: HitchedBody | None) -> tupl
 
 
 def _on_the_hitch(hitched: HitchedBody) -> tuple[float, float]:
-    """Return the vertical load of an implement on the tractor [N], and its distance behind the hitch [m]."""
+    """Return the vertical load of an implement on the tractor [N], and the distance of the load behind the hitch
+    [m]."""
     weight, x = hitched.mass * GRAVITY, hitched.centre[0]
     if hitched.axle is not None:
         return weight * (1 - x / hitched.axle.at[0]), 0.0

@@ -92,7 +92,7 @@ class Tool(Spec):
     texture: Texture = "medium"
     """Soil texture, which selects the factor F_i in ASABE D497."""
     draught_scale: Annotated[float, Field(ge=0, le=10)] = 1.0
-    """Factor on the draught from ASABE D497 [-]. The draught in a field is within 25-50 % of the tabulated draught."""
+    """Factor on the draught from ASABE D497 [-]. In a field, the draught differs from the formula by up to 25-50 %."""
     noise_share: Spread = 0.15
     """Standard deviation of the log-normal draught divided by the mean draught [-]. Assumed value (range 0.1-0.3)."""
     noise_length_m: Annotated[float, Field(ge=0.01, le=100)] = 0.5

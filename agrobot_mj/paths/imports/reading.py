@@ -24,7 +24,7 @@ READERS: Readers = {
     "GeoJSON": (lambda head: head.lstrip()[:1] in ("{", "[") or bool(SCRIPT.match(head)), read_geojson),
     "AgOpenGPS": (lambda head: any(name in head for name in HEADS), read_agopengps),
 }
-"""Function that reads a text file, keyed by file type, with a function that tests the first characters of the file."""
+"""Functions by file type: one that tests the first characters of a text file, and one that reads the text."""
 
 
 def read_shapes(name: str, most_bytes: int = MAX_BYTES, more: Readers | None = None) -> ShapeFile:
