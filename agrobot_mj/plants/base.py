@@ -41,43 +41,45 @@ class Clock(NamedTuple):
 
 
 class RunningPlant(Protocol):
-    """Interface of a running plant. Subclasses may omit methods that have a default implementation."""
+    """Interface of a plant (simulated tractor) in a run. Subclasses may omit methods with a default implementation."""
 
     scene: Scene
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
-        """Place the tractor at rest at the start of the path; return the true state for the `conditions` of tick 0."""
+        """Place the tractor at rest at the start of the path; return its true state under the `conditions` of tick
+        0."""
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
-        """Advance one tick at constant valve voltages and conditions; return the true state."""
+        """Simulate one tick at constant valve voltages and conditions; return the true state at the end of the tick."""
 
     def advanced(self, drive: Drive, conditions: Conditions = NOMINAL) -> Held[Truth]:
-        """Advance one tick at constant valve voltages and conditions; return the true state, wrapped in `Held`."""
+        """Simulate one tick as in `advance`; return a `Held` reference to the true state, which saves time."""
         return held(self.advance(drive, conditions))
 
     def save(self) -> Any:
-        """Return a copy of the plant's current state."""
+        """Return a copy of the complete state of the plant, for the method `restore`."""
 
     def restore(self, state: Any) -> None:
         """Restore a state saved by this plant or by another plant with the same parameters."""
 
     def poses(self) -> Array:
-        """Return the position x y z [m] and quaternion w x y z of every body, shape (bodies, 7)."""
+        """Return the ENU position x y z [m] and quaternion w x y z of every body, shape (bodies, 7)."""
 
     def configuration(self) -> Array:
         """Return MuJoCo's generalised positions (`qpos`) of the tractor, shape (nq,)."""
 
     def wheels(self) -> Array:
-        """Return the tyre quantities (24,) of all wheels, see `tyres.patch`; the array is empty without tyres."""
+        """Return the six tyre quantities (see `tyres.patch`) of four wheels, shape (24,), or an empty array without
+        tyres."""
         return np.empty(0)
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Log columns specific to this plant."""
+        """Log columns that only this plant has, in addition to the columns of every run."""
         return ()
 
     def report(self) -> Sequence[float]:
-        """Return the current log values of `columns`."""
+        """Return the current values of the log columns `columns`, in the same order."""
         return ()
 
     def actuation(self) -> tuple[float, float, float]:

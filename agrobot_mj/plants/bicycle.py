@@ -59,7 +59,7 @@ class Bicycle(Spec):
     """Cornering stiffness C_alpha,r of the rear axle [N/rad]. Assumed value (range 18e3-40e3) [GeeCloughSommer1981]."""
 
     def fast_step_s(self, tractor: TractorParameters) -> float:
-        """Return the duration of a physics step with `physics = "fast"` [s]."""
+        """Return the duration of a physics step [s] for the scenario setting `physics = "fast"`."""
         return 0.005
 
     def hints(self, machine: Machine, speed: float) -> Iterator[str]:
@@ -74,7 +74,7 @@ class Bicycle(Spec):
 class BicycleLaw(NamedTuple):
     """Parameters of the bicycle model for the compiled kernels, in SI units and with the symbols of [Kayacan2015].
 
-    `play` is half the backlash [rad].
+    `play` is half the backlash of the steering linkage [rad].
     """
 
     m: float
@@ -89,7 +89,10 @@ class BicycleLaw(NamedTuple):
 
 
 class Linear2(NamedTuple):
-    """Elements of the matrices A and B in d(v, gamma)/dt = A (v, gamma) + B delta."""
+    """Elements of the matrices A and B of the lateral dynamics d(v, gamma)/dt = A (v, gamma) + B delta.
+
+    The variables are the lateral velocity v, the yaw rate gamma and the steering angle delta.
+    """
 
     A11: float
     A12: float
@@ -126,7 +129,8 @@ def steady_state(a: Linear2, delta: float) -> tuple[float, float]:
 
 @kernel
 def propagate(a: Linear2, v: float, gamma: float, delta: float, t: float) -> tuple[float, float, float]:
-    """Return the lateral velocity [m/s], yaw rate [rad/s] and yaw change [rad] after `t` [s] at constant steering."""
+    """Return lateral velocity [m/s], yaw rate [rad/s] and yaw change [rad] after `t` [s] at a constant angle
+    `delta`."""
     # relative to the steady state x_s the system is homogeneous: x(t) = x_s + exp(A t) (x(0) - x_s)
     v_s, gamma_s = steady_state(a, delta)
     # with s the mean of A's eigenvalues and s +- w both of them, (A - s)^2 = w^2, so that the series of the
@@ -151,7 +155,7 @@ def propagate(a: Linear2, v: float, gamma: float, delta: float, t: float) -> tup
 
 @kernel
 def step(p: BicycleLaw, state: Array, u: float, delta: float, dt: float) -> None:
-    """Advance `state` (position, yaw, lateral velocity v, yaw rate gamma) in place by `dt` [s]."""
+    """Advance `state` (x, y, yaw, lateral velocity, yaw rate) in place by `dt` [s] at the steering angle `delta`."""
     yaw, v, gamma = state[2], state[3], state[4]
     if abs(u) < CRAWL:
         a = lateral_dynamics(p, CRAWL)
@@ -175,7 +179,7 @@ def step(p: BicycleLaw, state: Array, u: float, delta: float, dt: float) -> None
 
 @kernel
 def planar_velocity(psi: float, u: float, v: float) -> tuple[float, float]:
-    """Return the ENU velocity of the CG from heading `psi`, forward speed `u` and lateral velocity `v` [m/s]."""
+    """Return the east and north velocity of the CG [m/s] for heading `psi`, forward speed `u` and lateral speed `v`."""
     return u * cos(psi) - v * sin(psi), u * sin(psi) + v * cos(psi)  # [agrobots: kinematicmodeltractor2]
 
 
@@ -192,7 +196,8 @@ def run_steps(
 ) -> None:
     """Advance `state` in place by all physics steps of a tick.
 
-    `state` = (x, y, yaw, v, gamma, delta, distance travelled, steering angle at the cylinder).
+    `state` = (x, y, yaw, v, gamma, delta, distance travelled, steering angle at the cylinder). The kernel writes the
+    steering angle and the pedal position after each of the n steps to `samples` (2, n).
     """
     for i in range(samples.shape[1]):
         flow = valve_step(valve, valve_memory, voltages[0])
@@ -215,7 +220,7 @@ class BicycleState(NamedTuple):
 
 
 class BicyclePlant(RunningPlant):
-    """Running bicycle model with its states of motion, steering valve and driveline."""
+    """Bicycle model in a run, with the states of vehicle motion, steering valve and driveline."""
 
     def __init__(self, spec: Bicycle, machine: Machine, ground: Ground, clock: Clock = CLOCK) -> None:
         tractor = machine.tractor
@@ -251,7 +256,8 @@ class BicyclePlant(RunningPlant):
         return self.truth()
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
-        """Advance one tick at constant valve voltages; return the true state. Only valve faults have an effect."""
+        """Simulate one tick; return the true state. Of the faults in `conditions`, only wear of the steering valve has
+        an effect."""
         self.valve = worn_valve(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
         valve, drives = (self.valve, self.valve_memory), (self.drive, self.drive_memory)
         run_steps(self.law, self.state, *valve, *drives, (drive.steer_voltage, drive.powered_pedal), self.samples)
@@ -263,16 +269,16 @@ class BicyclePlant(RunningPlant):
         return self.state, self.samples, *self.valve_memory, *self.drive_memory
 
     def save(self) -> BicycleState:
-        """Return a copy of the plant's current state."""
+        """Return a copy of the complete state of the plant, for the method `restore`."""
         return BicycleState(copies(self._arrays), self.valve, self.ticks)
 
     def restore(self, state: BicycleState) -> None:
-        """Restore a saved state."""
+        """Restore a state that `save` has returned."""
         write(self._arrays, state.arrays)
         self.valve, self.ticks = state.valve, state.ticks
 
     def truth(self) -> Truth:
-        """Return the true state, which the sensors measure."""
+        """Return the true state of the tractor at the end of the last tick."""
         x, y, yaw, v, gamma, delta = self.state[:6].tolist()
         u, l_r = float(self.drive_memory.speed[0]), self.law.l_r
         dx, dy = from_heading(yaw, -l_r, 0.0)
@@ -305,8 +311,8 @@ class BicyclePlant(RunningPlant):
         )
 
     def _knuckles(self, delta: Array) -> Any:
-        """Return the Ackermann angles of the left and right front wheels [rad], shape (2, n), for steering angles
-        `delta`."""
+        """Return the Ackermann angles of the left and right front wheels [rad], shape (2, n), for the steering angles
+        `delta` (n,)."""
         t_2L = self.tractor.track_m / (2 * self.tractor.wheelbase_m)
         return np.stack([np.arctan2(np.tan(delta), 1 - side * t_2L * np.tan(delta)) for side in (1, -1)])
 
@@ -316,7 +322,7 @@ class BicyclePlant(RunningPlant):
         return self.ghost.poses(x, y, yaw, delta, travelled)
 
     def configuration(self) -> Array:
-        """Return the generalised positions of the MJCF tractor shown in images, shape (nq,)."""
+        """Return the generalised positions (`qpos`) of the MuJoCo tractor that images show, shape (nq,)."""
         self.poses()
         return np.array(self.ghost.data.qpos)
 

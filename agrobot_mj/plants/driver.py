@@ -34,7 +34,7 @@ class Trace:
 
     @property
     def wheels(self) -> Array:
-        """Tyre quantities, shape (n, 6, 4): tick, quantity in the order of `tyres.patch`, and wheel."""
+        """Tyre quantities with the axes tick, quantity (in the order of `tyres.patch`) and wheel, shape (n, 6, 4)."""
         return np.array(self._wheels).reshape(len(self._wheels), -1, 4)
 
     def mean(self, name: str, seconds: float) -> float:
@@ -50,12 +50,13 @@ class Driver:
         self.integral = 0.0
 
     def go(self, seconds: float, steer: Steer = 0.0) -> Trace:
-        """Simulate for `seconds` [s]; the steering setpoint `steer` [rad] is a number or function of the true state."""
+        """Simulate for `seconds` [s] and return the trace; `steer` is the setpoint [rad] or a function of the true
+        state."""
         rule = steer if callable(steer) else lambda truth: steer
         return self._drive(seconds, lambda truth: self.steer_voltage(rule(truth)))
 
     def go_by_voltage(self, seconds: float, steer_voltage: float) -> Trace:
-        """Simulate for `seconds` [s] at a constant voltage of the steering valve [V]."""
+        """Simulate for `seconds` [s] at a constant steering valve voltage [V] and return the trace."""
         return self._drive(seconds, lambda truth: steer_voltage)
 
     def pressures(self, seconds: float, steer_voltage: float) -> Array:
@@ -120,7 +121,7 @@ def acceleration(plant: Any, drive: Drive, begin: float, end: float, grade: floa
 
 
 def track_course() -> Callable[[Truth], float]:
-    """Return a PI controller that maps the true state to a steering angle and keeps the antenna's course due east."""
+    """Return a PI controller of the antenna's course (due east), from the true state to the steering angle [rad]."""
     total, gain, per_second = 0.0, 1.5, 0.5
 
     def rule(truth: Truth) -> float:
@@ -142,7 +143,7 @@ def mujoco_plant(
     start: Reference = ORIGIN,
     tick_s: float = TICK_S,
 ) -> tuple[MujocoPlant, Truth]:
-    """Return a MuJoCo plant with the tyre `tyre`, at rest at `start`, and its true state."""
+    """Return a MuJoCo plant with the tyre model `tyre`, settled at `start`, and its true state."""
     ground = terrain if isinstance(terrain, Ground) else terrain.ground()
     plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=settle_s), machine, ground, Clock.of(dt, tick_s))
     return plant, plant.reset(start)

@@ -36,15 +36,16 @@ WHEEL_DISCS = (("rim", 0.6, 0.003, "rim"), ("disc", 0.48, 0.006, "iron"), ("hub"
 """Discs of a drawn wheel: name, radius divided by tyre radius [-], protrusion from each tyre side [m], and material."""
 HOOD = np.array((0.50, 0.24, 0.30)), np.array((1.06, 0.0, 0.74))
 BAR, BAR_RADIUS = np.array((-0.16, -0.36, 1.85, -0.16, 0.36, 1.85)), 0.05
-"""Contact shapes of the default tractor: half sizes and centre of the bonnet, ends and radius of the roll bar [m]."""
+"""Contact shapes of the default tractor [m]: half sizes and centre of the bonnet; end points and radius of the roll
+bar."""
 LUGS, LEAN_DEG = 14.0, 25.0
-"""Half the number of lugs on a tyre of 1 m radius [-], and angle between lugs and axle direction [deg]."""
+"""Half the number of lugs on a tyre of 1 m radius [-], and angle between the lugs and the wheel axle [deg]."""
 FENDER_DEG = (-62.0, -31.0, 0.0, 31.0, 62.0)
 """Angular positions of the fender segments about the wheel centre, measured forward from the vertical [deg]."""
 
 
 class Panel(NamedTuple):
-    """Primitive shape of the visual body, in the chassis frame."""
+    """Primitive shape for drawing or contact, in the frame of the body that contains the shape."""
 
     name: str
     kind: str  # Type: box, cylinder, capsule, sphere or ellipsoid
@@ -61,7 +62,7 @@ class Outline(NamedTuple):
     gap: float  # Minimum distance between body and wheels [m]
     inside: float  # Half the free width between the rear wheels [m]
     narrow: float
-    """Half the width between the steered front wheels, minus the gap [m]; negative if wheels reach the centre line."""
+    """Half the free width between the steered front wheels, minus the gap [m]; negative without free width."""
     between: tuple[float, float]
     """x coordinates of both ends of the space between the rear wheels and the steered front wheels [m]."""
     floor: float
@@ -74,7 +75,7 @@ class Outline(NamedTuple):
 
 
 def undress(spec: mujoco.MjSpec) -> None:
-    """Remove the visual geoms of chassis and wheels."""
+    """Remove the visual geoms of the chassis and the wheels from the model `spec`."""
     for name in bodies(COMPACT):
         for geom in list(spec.body(name).geoms):
             if not (geom.contype or geom.conaffinity):
@@ -82,7 +83,7 @@ def undress(spec: mujoco.MjSpec) -> None:
 
 
 def dress(spec: mujoco.MjSpec, t: TractorParameters) -> None:
-    """Add the visual geoms of chassis, front axle and wheels, and set the sizes of the contact geoms."""
+    """Add the visual geoms of the chassis and wheels, and set the sizes of the contact geoms and front-axle geoms."""
     for name, drawn in bodies(t).items():
         for part in drawn:
             draw(spec.body(name), part)
@@ -106,7 +107,7 @@ def touching(t: TractorParameters) -> tuple[Panel, Panel]:
 
 
 def bodies(t: TractorParameters) -> dict[str, list[Panel]]:
-    """Return the visual parts of the chassis and each wheel by body name, in the frame of the body."""
+    """Return the visual shapes of the chassis and of each wheel by body name, in the frame of the body."""
     sizes = {"f": (t.front_wheel_radius_m, t.front_wheel_width_m), "r": (t.rear_wheel_radius_m, t.rear_wheel_width_m)}
     return {"chassis": list(parts(t))} | {f"wheel_{name}": list(wheel(name, *sizes[name[0]])) for name in WHEELS}
 
@@ -125,7 +126,7 @@ def _size_axle(spec: mujoco.MjSpec, t: TractorParameters, top: float) -> None:
 
 
 def wheel(name: str, radius: float, width: float) -> Iterator[Panel]:
-    """Yield the rim, hub and lugs of a wheel; the alternating lugs make its rotation visible."""
+    """Yield the visual shapes of a wheel: rim, disc, hub and lugs. The alternating lugs make its rotation visible."""
     for part, share, over, paint in WHEEL_DISCS:
         yield Panel(f"{part}_{name}", "cylinder", (share * radius, width / 2 + over), paint=paint, quat=ACROSS)
     count = 2 * round(LUGS * sqrt(radius))
@@ -139,7 +140,7 @@ def wheel(name: str, radius: float, width: float) -> Iterator[Panel]:
 
 
 def draw(body: mujoco.MjsBody, part: Panel, **other: int) -> None:
-    """Add a visual part to a body as a geom; `other` overrides attributes of `LOOK`."""
+    """Add the shape `part` to a body as a geom with the attributes `LOOK`; `other` overrides these attributes."""
     place = {"fromto": part.ends} if part.ends else {"pos": part.pos, "quat": part.quat}
     size = [*part.size, 0.0, 0.0][:3]
     body.add_geom(name=part.name, type=KINDS[part.kind], size=size, material=part.paint, **place, **LOOK | other)
@@ -173,7 +174,7 @@ def outline(t: TractorParameters) -> Outline:
 
 
 def _above_the_wheels(room: float, radius: float, width: float) -> float:
-    """Return the maximum height [m] of a steered front wheel at the distance `room` [m] inward from its centre."""
+    """Return the maximum height of a steered front wheel [m] at lateral distances of `room` [m] or more."""
     if room >= sqrt(radius**2 + (width / 2) ** 2):
         return 0.0
     chord2 = max(room, width / 2) ** 2 - (width / 2) ** 2
@@ -181,7 +182,7 @@ def _above_the_wheels(room: float, radius: float, width: float) -> float:
 
 
 def parts(t: TractorParameters) -> Iterator[Panel]:
-    """Yield all visual parts of the chassis."""
+    """Yield all visual shapes of the chassis, in the chassis frame."""
     o = outline(t)
     if t.style == "robot":
         yield from _robot(o, t)

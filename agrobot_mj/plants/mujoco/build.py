@@ -38,7 +38,7 @@ from agrobot_mj.tyres.base import Structure, TyreBase
 from agrobot_mj.tyres.laws import tyre_set
 from agrobot_mj.tyres.patch import TyreSet
 
-LIMIT = 4.0  # Stability limit of (2 c dt + k dt^2) / m [-], with damper c, time step dt, spring k and mass m
+LIMIT = 4.0  # Stability limit of (2 c dt + k dt^2) / m [-], with damping c, time step dt, stiffness k and mass m
 FASTEST_M_S = 3.0  # Speed at which the draught is evaluated [m/s]: typical field speed
 AT_LEAST = ("relaxation_radii", "relaxation_m")  # Suffixes of keys for which a larger value gives a softer spring
 FRONT, REAR = np.array([1.0, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0])
@@ -185,7 +185,7 @@ class Built(NamedTuple):
 
 
 Payloads = Sequence[tuple[int, tuple[PointMass, ...]]]
-"""Sets of point masses on the chassis, each with the index of the fault whose start or end activates the set."""
+"""Sets of point masses on the chassis. Each set has the index of the fault that adds the masses at its start or end."""
 
 
 def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1, payloads: Payloads = ()) -> Built:
@@ -229,12 +229,12 @@ class Mujoco(Spec):
     """Maximum duration of settling [s], after which the run starts with a warning. Assumed value (range 20-120)."""
 
     def fast_step_s(self, tractor: TractorParameters) -> float:
-        """Return the duration of a physics step with `physics = "fast"` [s]."""
+        """Return the duration of a physics step [s] for the scenario setting `physics = "fast"`."""
         turn = max(sqrt(2.0 * wheel.stiffness / wheel.mass) for wheel in tractor.wheels)
         return min(self.tyre.fast_step_s, LIGHT_STEP_S if turn > FASTEST_TURN else inf)
 
     def hints(self, machine: Machine, speed: float) -> Iterator[str]:
-        """Yield a message for each value that is implausible for the machine's weight or for the path `speed` [m/s].
+        """Yield a message for each parameter that is implausible for the machine's weight or the path `speed` [m/s].
 
         Messages begin with the key. Raises ValueError or ScenarioError for an impossible machine or tyre.
         """

@@ -27,11 +27,12 @@ class Clearance(NamedTuple):
     reach: float  # Maximum distance of a part from the z axis of the chassis [m]
     normal: Vector  # Normal of the ground [-]
     level: float
-    """Height of the ground along its normal [m], or infinity if bodies other than the chassis can touch the ground."""
+    """Coordinate of the ground along its normal [m], or infinity if bodies other than the chassis can touch the
+    ground."""
 
 
 def clearance_of(model: mujoco.MjModel) -> Clearance:
-    """Return the clearance parameters of a compiled tractor on the geom `ground`."""
+    """Return the clearance parameters of a compiled `model`, which contains the tractor and a geom named `ground`."""
     touching = [k for k in range(model.ngeom) if model.geom_contype[k] or model.geom_conaffinity[k]]
     parts = [k for k in touching if model.geom_bodyid[k] > 0]
     corners = np.concatenate([_corners(model, k) for k in parts])
@@ -55,7 +56,7 @@ def _corners(model: mujoco.MjModel, geom: int) -> Array:
 
 
 def rotation_of(quat: Array) -> Array:
-    """Return the rotation matrix of a quaternion, shape (3, 3)."""
+    """Return the rotation matrix of a quaternion w x y z, shape (3, 3)."""
     matrix = np.empty(9)
     mujoco.mju_quat2Mat(matrix, quat)
     return matrix.reshape(3, 3)
@@ -70,7 +71,7 @@ def quat_of(rotation: Array) -> Array:
 
 @kernel
 def is_clear(c: Clearance, qpos: Array) -> bool:
-    """Return whether a tractor with the generalised positions `qpos` cannot touch the ground; False for NaN."""
+    """Return whether a tractor with the generalised positions `qpos` cannot touch the ground; NaN gives False."""
     w, x, y, z = qpos[3], qpos[4], qpos[5], qpos[6]
     n = c.normal
     cosine = n[0] * 2 * (x * z + w * y) + n[1] * 2 * (y * z - w * x) + n[2] * (1 - 2 * (x * x + y * y))

@@ -13,7 +13,7 @@ from agrobot_mj.machine import Machine
 from agrobot_mj.plants.mujoco.stepping import TractorMotion
 
 CLOSES_BELOW_DEG = 3.0
-"""Difference between the steering angles at release and engagement of a clutch [deg]. Assumed value (range 2-5)."""
+"""Steering angle at release of a clutch minus steering angle at its engagement [deg]. Assumed value (range 2-5)."""
 RELEASES_AT = 0.5
 """Slip at release of the front-wheel drive divided by slip at its engagement [-]. Assumed value (range 0.3-0.7)."""
 LEAST_M_S = 0.1  # Rim speed below which slip is not evaluated [m/s]
@@ -21,7 +21,7 @@ LOCK, FRONT = "differential_lock", "front_wheel_drive"
 
 
 class Clutches:
-    """Clutches of a running tractor. Their state consists of `eq_active` in MjData and the offsets of the couplings."""
+    """Clutches of a tractor in a run. Their state is `eq_active` in MjData and the offsets of the couplings."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, machine: Machine) -> None:
         self.model, self.data, self.drive = model, data, machine.driveline

@@ -34,7 +34,7 @@ def is_alone(c: Coupling) -> bool:
 
 @kernel
 def is_within_stops(c: Coupling, qpos: Array) -> bool:
-    """Return whether all joints are between their stops, or False for NaN."""
+    """Return whether all joints are between their stops; NaN gives False."""
     for i in range(c.stops_q.size):
         angle = qpos[c.stops_q[i]]
         if not c.stops[i, 0] <= angle <= c.stops[i, 1]:
@@ -75,7 +75,8 @@ def impedance(solimp: Array, error: float) -> float:
 
 @kernel
 def coupled(v: Views, side: int) -> Vector:
-    """Return the gear ratio from crank to knuckle, reference acceleration a_ref and regularisation R of a coupling."""
+    """Return gear ratio d(knuckle)/d(crank), reference acceleration a_ref and regularisation R of one coupling
+    (`side`)."""
     c, i = v.coupling, v.coupling.rows[side]
     p, delta, knuckle = c.eq_data[i], v.qpos[v.steer_q], c.knuckles_v[side]
     square = delta * delta
@@ -116,7 +117,7 @@ def add_forces(v: Views) -> None:
 
 @kernel
 def accelerate(v: Views) -> None:
-    """Compute the acceleration `qacc` and the coupling force `qfrc_constraint`."""
+    """Compute the accelerations (`qacc`) and the forces of both knuckle couplings (`qfrc_constraint`) in place."""
     add_forces(v)
     c, steer, left, right = v.coupling, v.steer_v, v.coupling.knuckles_v[LEFT], v.coupling.knuckles_v[RIGHT]
     ratio_l, reference_l, soft_l = coupled(v, LEFT)

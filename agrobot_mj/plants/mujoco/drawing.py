@@ -20,7 +20,7 @@ _SHAPES = {kind: name for name, kind in KINDS.items()} | {mujoco.mjtGeom.mjGEOM_
 
 
 def scene_of(model: mujoco.MjModel) -> Scene:
-    """Return the bodies of a compiled model, except the world, and their visible geoms."""
+    """Return a scene with all bodies of a compiled model, except the world, and their visible geoms."""
     bodies = tuple(model.body(i).name for i in range(1, model.nbody))
     shown = (model.geom_bodyid > 0) & (model.geom_group < HIDDEN) & np.isin(model.geom_type, [int(k) for k in _SHAPES])
     return Scene(bodies, tuple(_geom(model, int(i)) for i in np.flatnonzero(shown)))
@@ -64,8 +64,8 @@ class Ghost:
         self.at = [int(self.model.joint(name).qposadr[0]) for name in joints]
 
     def poses(self, x: float, y: float, yaw: float, steer: float, travelled: float) -> Array:
-        """Return the body poses (bodies, 7) for CG position x, y [m], yaw, steering [rad] and travelled distance
-        [m]."""
+        """Return the poses of all bodies, shape (bodies, 7), for a position of the CG [m], yaw and steering angle
+        [rad], and distance travelled [m]."""
         back_x, back_y = from_heading(yaw, -self.tractor.cg_to_rear_axle, 0.0)
         q = self.data.qpos
         q[:7] = x + back_x, y + back_y, 0.0, cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)

@@ -75,7 +75,7 @@ def _add_wheel(body: mujoco.MjsBody, axle: Axle, name: str, side: int, native: b
 
 
 STEPS_A_LENGTH, LENGTHS = 5, 2000
-"""Number of draught samples per correlation length, and number of correlation lengths until the pattern repeats [-]."""
+"""Number of draught samples per correlation length, and number of correlation lengths in a period of the pattern."""
 AT_THE_STOP = radians(2.0)
 """Margin to the yaw stop of the drawbar below which the tractor has jackknifed [rad]. Assumed value: a pushed implement
 does not return from this angle, and a towed implement does not reach this angle in a turn."""
@@ -99,7 +99,7 @@ COLUMNS = (
         for wheel in IMPLEMENT_WHEELS
     ),
 )
-"""Log columns of a plant with an implement."""
+"""Log columns of a MuJoCo plant with an implement."""
 
 
 def implement_tyres(axle: Axle | None, tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
@@ -125,7 +125,10 @@ def implement_tyres(axle: Axle | None, tyre: TyreBase, tractor: TractorParameter
 
 
 def draught_pattern(unevenness: Unevenness, seed: int) -> tuple[Array, float]:
-    """Return the log-normal variation of the draught: samples (n,) divided by the mean [-], and their spacing [m]."""
+    """Return samples of the draught along the path, divided by the mean draught [-], shape (n,), and their spacing [m].
+
+    The samples have a log-normal distribution and depend on `seed`.
+    """
     if unevenness.share <= 0.0:
         return np.ones(1), 1.0
     whites = stream(seed, "implement.draught").standard_normal(STEPS_A_LENGTH * LENGTHS).tolist()
@@ -176,7 +179,10 @@ class Motion(NamedTuple):
 
 
 def fold_joint(hitched: HitchedBody, model: mujoco.MjModel) -> tuple[int, float]:
-    """Return the index of the drawbar's yaw angle in qpos and the jackknife angle [rad], or -1 without a drawbar."""
+    """Return the index of the drawbar's yaw angle in qpos, and the jackknife angle [rad].
+
+    Without a drawbar the index is -1 and the angle is infinite.
+    """
     for joint in hitched.joints if hitched.axle else ():
         if joint.axis == (0.0, 0.0, 1.0):
             return int(model.joint(joint.name).qposadr[0]), joint.limit - AT_THE_STOP

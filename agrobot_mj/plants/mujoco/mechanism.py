@@ -1,7 +1,7 @@
 """Steering and drive mechanism, added to a user-defined body that has wheels and steering knuckles.
 
-The parts are the same as in `models/tractor.xml`: the crank of the virtual front wheel, its coupling to both knuckles,
-the differentials and both actuators. `model` sets the values that depend on the scenario.
+The mechanism is the same as in `models/tractor.xml`: the crank of the virtual front wheel, its coupling to both
+knuckles, the differentials and both actuators. The module `model` sets the parameters that depend on the scenario.
 """
 
 from math import degrees

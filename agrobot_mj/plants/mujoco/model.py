@@ -32,7 +32,8 @@ Assumed values, for a wheel with half of its mass in the tread."""
 
 
 def ackermann_coefficients(tractor: TractorParameters) -> Array:
-    """Return the coefficients (5,) of a quartic that maps the virtual to the left wheel angle, with slope 1 at zero."""
+    """Return the coefficients (5,) of a quartic polynomial from the virtual steering angle to the left wheel angle
+    [rad], with slope 1 at zero."""
     delta = np.linspace(-tractor.steer_limit, tractor.steer_limit, 501)
     t_2L = tractor.track_m / (2 * tractor.wheelbase_m)
     left = np.arctan2(np.tan(delta), 1 - t_2L * np.tan(delta))
@@ -50,7 +51,7 @@ FACTORS = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0)
 
 
 def tractor_spec(machine: Machine) -> mujoco.MjSpec:
-    """Return the tractor without its implement, with all parameters set. Raises ValueError for impossible values."""
+    """Return the `MjSpec` of a tractor without implement and ground. Raises ValueError for impossible parameters."""
     tractor, oil = machine.tractor, machine.cylinder.column(machine.tractor, machine.linkage)
     spec = _sized(machine) if tractor.mjcf is None else _own(machine)
     _couple_knuckles(spec, tractor)
@@ -210,7 +211,7 @@ def _add_motors(spec: mujoco.MjSpec, tractor: TractorParameters, share: float) -
 
 
 def _complete_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, tractor: TractorParameters) -> None:
-    """Set the mass, centre of mass and inertia of the chassis, from the complete tractor and all other bodies."""
+    """Set mass, centre of mass and inertia of the chassis so that the complete tractor has the specified values."""
     cg = np.array([tractor.cg_to_rear_axle, 0, tractor.cg_height_m])
     whole = np.diag([tractor.roll_inertia_kg_m2, tractor.pitch_inertia_kg_m2, tractor.yaw_inertia_kg_m2])
     inertia = whole
@@ -237,7 +238,7 @@ def _complete_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, tractor: Tra
 
 
 def _fitting_inertia(tractor: TractorParameters, others: Array) -> str:
-    """Return a proposal of physically possible inertias; `others` (3, 3) is the inertia of all other bodies."""
+    """Return a text that proposes physically possible inertias; `others` (3, 3) is the inertia of all other bodies."""
     usual = TractorParameters(mass_kg=tractor.mass_kg, wheelbase_m=tractor.wheelbase_m)
     moments = np.array([usual.roll_inertia_kg_m2, usual.pitch_inertia_kg_m2, usual.yaw_inertia_kg_m2])
     fitting = (f * moments for f in FACTORS if is_physical_inertia(np.diag(f * moments) - others))
@@ -247,7 +248,7 @@ def _fitting_inertia(tractor: TractorParameters, others: Array) -> str:
 
 
 def _offset(body: mujoco.MjsBody) -> Array:
-    """Return the position of a body in the chassis frame with all joints at zero; its parents must have no rotation."""
+    """Return the position of a body in the chassis frame [m] with joints at zero; its parents must have no rotation."""
     position = np.array(body.pos)
     while (body := body.parent).name != "chassis":
         position = position + body.pos
@@ -255,7 +256,7 @@ def _offset(body: mujoco.MjsBody) -> Array:
 
 
 def steiner(mass: float, d: Array) -> Array:
-    """Return the inertia about the origin of a point mass at the position `d` (3,), shape (3, 3)."""
+    """Return the inertia about the origin [kg m2], shape (3, 3), of a point mass [kg] at the position `d` (3,) [m]."""
     return mass * (d @ d * np.eye(3) - np.outer(d, d))
 
 
@@ -268,7 +269,7 @@ def is_physical_inertia(inertia: Array) -> bool:
 def simulation_model(
     spec: mujoco.MjSpec, ground: Ground, physics_dt: float, native: NativeContact | None, drawn: bool = True
 ) -> mujoco.MjModel:
-    """Return the compiled tractor on its ground.
+    """Return the compiled MuJoCo model of the tractor `spec` on its ground.
 
     If `native` is None, the wheels have no MuJoCo contact, and tyre laws support them. If `drawn` is false, visual
     geoms are omitted: MuJoCo would update a hundred lugs and panels in every step. Bodies have explicit masses, so that

@@ -26,14 +26,14 @@ class NativeContacts:
         self.velocity = np.zeros(6)
 
     def set_friction(self) -> None:
-        """Set the friction of each wheel geom, with priority over the ground geom, to that of the ground below."""
+        """Set the friction coefficient of each wheel geom, which overrides the ground geom, for the soil below."""
         for i, (body, geom) in enumerate(zip(self.bodies, self.geoms, strict=True)):
             x, y, _ = self.data.xpos[body]
             scale, _ = surface_at(self.ground.surface, x, y)
             self.model.geom_friction[geom, 0] = self.friction * scale * self.tyres.grip[i]
 
     def read(self, report: Array) -> None:
-        """Fill the tyre quantities (4, 6) from MuJoCo's contact sensors and the wheel motion in the ground plane."""
+        """Write the tyre quantities to `report` (4, 6), from MuJoCo's contact sensors and the motion of the wheels."""
         for i, wheel in enumerate(WHEELS):
             forward, left, n = self._frame(self.bodies[i])
             force = self.data.sensor(f"contact_{wheel}").data[:3]

@@ -1,4 +1,4 @@
-"""User-defined body (`tractor.mjcf`): derivation of the values of `[tractor]`, and model for the simulation.
+"""User-defined body (`tractor.mjcf`): derivation of parameters of the table `[tractor]`, and model for the simulation.
 
 The masses, joints, springs and visual geoms of the file are kept. Its actuators, sensors, keyframes and couplings of
 wheel and knuckle joints are removed, because the simulator provides steering, drive and tyres.
@@ -41,7 +41,8 @@ DIGITS = 10  # Number of significant digits of values derived from a body
 
 
 def measures(name: str, springs: dict[str, float]) -> dict[str, float]:
-    """Return the values of keys in `[tractor]` that are derived from the body in the file `name`."""
+    """Return the parameters of `[tractor]` that follow from the body in the file `name` and the tyre stiffness
+    `springs`."""
     files = own_files(name)
     return dict(_measured(str(files.main), tuple(stamp(str(f)) for f in (files.main, *files.others)), *springs.items()))
 
@@ -97,7 +98,7 @@ def _loaded(name: str) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
 
 
 def own_spec(tractor: TractorParameters) -> mujoco.MjSpec:
-    """Return a tractor with a user-defined body, steering and drive. Raises ValueError for an invalid body."""
+    """Return the `MjSpec` of a user-defined body with steering and drive. Raises ValueError for an invalid body."""
     spec, model = _loaded(tractor.mjcf or "")
     default = mujoco.MjSpec.from_file(str(MODELS / "tractor.xml"))
     _keep_masses(spec, model)

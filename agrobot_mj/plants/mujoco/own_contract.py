@@ -48,11 +48,11 @@ class Posed:
         return found
 
     def centre(self, wheel: str) -> Array:
-        """Return the centre of a wheel [m], shape (3,)."""
+        """Return the centre of a wheel in the chassis frame [m], shape (3,)."""
         return self.place(self.data.xanchor[self.model.joint(f"spin_{wheel}").id])
 
     def size(self, wheel: str) -> tuple[float, float]:
-        """Return the radius and width of a tyre [m]."""
+        """Return the radius and the width of the tyre of a wheel [m]."""
         radius, half, _ = self.model.geom(f"tyre_{wheel}").size.tolist()
         return radius, 2 * half
 
@@ -65,7 +65,7 @@ class Posed:
 
 
 class MassProperties(NamedTuple):
-    """Mass properties of the complete machine."""
+    """Mass properties of the complete machine, in the chassis frame."""
 
     mass: float  # Mass of the machine [kg]
     centre: Array  # Centre of mass of the machine [m], shape (3,)

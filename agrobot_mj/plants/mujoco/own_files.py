@@ -50,7 +50,8 @@ class _Element(NamedTuple):
 
 
 class _Size:
-    """Number of elements of a model with its included files."""
+    """Number of elements of a model with its included files, number of attached models, and size of the largest
+    model."""
 
     def __init__(self) -> None:
         self.elements, self.attached, self.largest = 0, 0, 0
@@ -62,7 +63,7 @@ class _Size:
 
 
 class _Reader:
-    """Reader of an MJCF model with its included files and attached models."""
+    """Reader that checks an MJCF model with its included files and attached models."""
 
     def __init__(self, main: Path) -> None:
         self.main = main
@@ -72,7 +73,7 @@ class _Reader:
         self._sizes: dict[Path, int] = {}
 
     def model(self, path: Path) -> int:
-        """Read a model file; return the number of elements after expansion."""
+        """Read a model file, record its errors and files, and return the number of its elements after expansion."""
         if path not in self._sizes:
             size = _Size()
             self._read(path, size)

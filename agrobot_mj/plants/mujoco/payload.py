@@ -71,7 +71,7 @@ def check_payloads(bare: Inertial, loadings: Iterable[tuple[int, tuple[PointMass
 
 
 class Chassis:
-    """Chassis of a running model with its payload."""
+    """Chassis of a MuJoCo model in a run, with its payload."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model = model

@@ -54,7 +54,7 @@ CONTACTLESS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 ROLLOVER_COSINE = cos(radians(60))
 """Cosine of the tilt angle above which the tractor has rolled over [-]. Assumed value, beyond all tip-over angles."""
 STICKING_SPIN, STICKING_CONTACT = 0.03, 1e4
-"""Factors on `dof_invweight0` of the wheels and on `impratio` while the brake is applied [-].
+"""Factors on MuJoCo's `dof_invweight0` of the wheels and on MuJoCo's `impratio` while the brake is applied [-].
 
 The factors reduce the creep of MuJoCo's dry friction under load. On a slope of 10 deg the creep is 0.2 um/s, or 0.15
 um/s with the tyre `contact`.
@@ -65,7 +65,7 @@ DIVERGED_SPEED = 100.0  # Speed above which the simulation has diverged [m/s]. A
 
 
 class MujocoPlant(RunningPlant):
-    """Running plant with a tractor in MuJoCo."""
+    """Plant in a run that simulates the tractor with MuJoCo."""
 
     def __init__(
         self,
@@ -181,11 +181,11 @@ class MujocoPlant(RunningPlant):
         return recent
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
-        """Advance one tick at constant valve voltages and conditions; return the true state."""
+        """Simulate one tick at constant valve voltages and conditions; return the true state at the end of the tick."""
         return fetched(self.advanced(drive, conditions))
 
     def advanced(self, drive: Drive, conditions: Conditions = NOMINAL) -> Held[Truth]:
-        """Advance one tick at constant valve voltages and conditions; return the true state, wrapped in `Held`."""
+        """Simulate one tick at constant valve voltages and conditions; return the true state as a `Held` reference."""
         if conditions != self.conditions:
             self._apply_conditions(conditions)
         if self.clutches.switched:
@@ -212,7 +212,8 @@ class MujocoPlant(RunningPlant):
             fail()
 
     def code(self) -> PlantCode | None:
-        """Return the plant for compiled ticks, or None for clutches and contacts, which need Python."""
+        """Return the data for compiled ticks, or None for a plant with switched clutches or MuJoCo contact, which need
+        Python."""
         if self.contacts or self.clutches.switched:
             return None
         if self._places is None:
@@ -240,7 +241,8 @@ class MujocoPlant(RunningPlant):
         )
 
     def resume(self, truth: Held[Truth], motion: TractorMotion, clear: bool, ticks: int) -> None:
-        """Continue after compiled ticks, which have returned the true state, the motion and the clearance."""
+        """Store the results of compiled ticks: true state, motion, whether the chassis is clear of the ground, and tick
+        number."""
         self.seen, self.motion, self.clear, self.ticks = truth, motion, clear, ticks
         self._trouble = self._found_trouble()
 
@@ -320,7 +322,7 @@ class MujocoPlant(RunningPlant):
         self._look()
 
     def truth(self) -> Truth:
-        """Return the true state, which the sensors measure."""
+        """Return the true state of the tractor at the end of the last tick."""
         self._look()
         return fetched(self.seen)
 
@@ -329,11 +331,11 @@ class MujocoPlant(RunningPlant):
         return np.concatenate(self._poses, axis=1)
 
     def configuration(self) -> Array:
-        """Return the generalised positions `qpos`, shape (nq,)."""
+        """Return MuJoCo's generalised positions (`qpos`) of the tractor, shape (nq,)."""
         return np.array(self.data.qpos)
 
     def wheels(self) -> Array:
-        """Return the tyre quantities in the order of `tyres.patch`, shape (24,), with four wheels per quantity."""
+        """Return the six tyre quantities in the order of `tyres.patch`, each for four wheels, shape (24,)."""
         if self.contacts:
             self.contacts.read(self.tyred.report)
         return self.tyred.report.T.ravel()
@@ -344,7 +346,7 @@ class MujocoPlant(RunningPlant):
         return COLUMNS if self.has_implement else ()
 
     def report(self) -> Sequence[float]:
-        """Return the values of `columns`."""
+        """Return the current values of the implement's log columns, or an empty tuple without an implement."""
         return self._reported(self.rig) if self._reported else ()
 
     def ruts(self) -> RutMap | None:

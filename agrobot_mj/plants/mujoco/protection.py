@@ -63,9 +63,9 @@ define i32 @agrobot_{name}(i64 %model, i64 %data) {{
 
 
 class Protected:
-    """Wrappers of sequences of C functions void f(const mjModel*, mjData*).
+    """Compiled wrappers of MuJoCo calls, which return 1 after an error of MuJoCo, else 0.
 
-    A wrapper returns 1 after an error of MuJoCo, else 0.
+    Each wrapper calls a sequence of C functions with the signature `void f(const mjModel*, mjData*)`.
     """
 
     def __init__(self, library: ctypes.CDLL, calls: Calls) -> None:
@@ -78,7 +78,7 @@ class Protected:
             handler.value = self._engine.get_function_address("agrobot_on_error")
 
     def message(self) -> str:
-        """Return the message of the last MuJoCo error."""
+        """Return the message of the last MuJoCo error, or an empty string on platforms without error handling."""
         if not PROTECTED:
             return ""
         return ctypes.string_at(self._engine.get_global_value_address("message")).decode(errors="replace")

@@ -28,6 +28,6 @@ class MujocoState(NamedTuple):
 
 
 def step_results(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[AnyArray, ...]:
-    """Return views of step results that the log uses, or that the next step uses before it updates them."""
+    """Return views of the step results that the log uses, or that the next step uses before it updates them."""
     found = data.actuator_force, data.sensordata, data.cvel, data.subtree_com
     return *found, model.geom_friction, data.warning.number

@@ -114,7 +114,8 @@ class RecentMotion:
 
     @property
     def gone(self) -> bool:
-        """Whether the tractor has moved at least `GONE_M` from its initial position, or the motion is not finite."""
+        """Whether the tractor has moved at least `GONE_M` east or north, in either sign, or its motion is not
+        finite."""
         return not float(np.abs(self.place[:2] - self.begin).max()) < GONE_M
 
     @property
@@ -173,7 +174,8 @@ def _motion(found: Settled, machine: Machine, where: str, along: float) -> str:
 
 
 def _held(drift: float, used: float, where: str) -> str:
-    """Return a text about motion at `drift` [m/s] with locked rear wheels; `used` is the used friction fraction [-]."""
+    """Return why a tractor with locked rear wheels moves at `drift` [m/s]; `used` is the used fraction of friction
+    [-]."""
     how = "slides" if drift > SLIDING else "creeps"
     shorter = "" if used > GRIPPING else "a shorter step (physics or physics_dt_s), "
     return (

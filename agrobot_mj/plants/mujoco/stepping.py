@@ -34,7 +34,7 @@ from agrobot_mj.terrain.grid import Ground
 from agrobot_mj.tyres.laws import wheel_step
 from agrobot_mj.tyres.patch import TyreSet, WheelMotion
 
-FAILED = -1  # Number of steps that `run_steps` returns after an error of MuJoCo
+FAILED = -1  # Result of `run_steps` in place of the number of steps after an error of MuJoCo
 Report: Any = GenericAlias(tuple, (float,) * len(COLUMNS))  # Values of the columns of an implement
 STEERING, DRIVE = 0, 1  # Order of the actuators in `models/tractor.xml`
 
@@ -57,7 +57,7 @@ class TractorMotion(NamedTuple):
     """Steering oil flow [m3/s], steering cylinder pressure [Pa] and torque on the driven wheels [N m]."""
     fastest: float  # Maximum velocity component of CG and antenna [m/s], or infinity if the motion is not finite
     lean_cosine: float
-    """Cosine of the larger tilt of chassis and implement: angle between their upward axes and the vertical [-]."""
+    """Cosine of the maximum angle between the vertical and the upward axes of chassis and implement [-]."""
     folded: bool  # Whether the drawbar of the implement is at its stop
 
 
@@ -134,8 +134,8 @@ class Assembly(NamedTuple):
     actuators: Actuators
     samples: Array  # Angle of the virtual wheel, pedal, and angles of both knuckles after each step, shape (4, n)
     clearance: Clearance
-    cg_site: Array
-    antenna_site: Array  # Positions of `cg_site` and antenna in the chassis frame [m], shape (3,)
+    cg_site: Array  # Position of the CG in the chassis frame [m], shape (3,)
+    antenna_site: Array  # Position of the antenna in the chassis frame [m], shape (3,)
 
 
 class PlantCode(NamedTuple):
@@ -146,29 +146,29 @@ class PlantCode(NamedTuple):
     rig: Held[Any]
     samples: Matrix
     flags: np.ndarray[tuple[int], np.dtype[np.int32]]  # Field `opt.disableflags` of the model, shape (1,)
-    plain: int
-    contactless: int  # Values of `flags` with contacts and without contacts
+    plain: int  # Value of `flags` with contacts
+    contactless: int  # Value of `flags` without contacts
     radius: float  # Radius of the rear wheels [m]
     extent: tuple[float, float, float, float]  # Range of x and y of the ground [m]
     report: int  # Address of `reported`
     reports: bool  # Whether there is an implement
-    wheels: Matrix
-    positions: Matrix
-    quaternions: Matrix  # Report of the tyres, and poses of the bodies, as in `Tyred.report` and MjData
+    wheels: Matrix  # Report of the tyres, as in `Tyred.report`
+    positions: Matrix  # Positions of the bodies, as in MjData
+    quaternions: Matrix  # Quaternions of the bodies, as in MjData
 
 
 def steps_form(rig: Held[Any], voltages: tuple[float, float], first: int, clear: bool) -> tuple[int, bool]:
-    """Have the signature of `run_steps` for any plant."""
+    """Define the signature of `run_steps` for compiled calls. The function itself is never called."""
     raise NotImplementedError
 
 
 def look_form(rig: Held[Any], samples: Matrix, t: float, radius: float) -> tuple[Held[Truth], TractorMotion]:
-    """Have the signature of `look` for any plant."""
+    """Define the signature of `look` for compiled calls. The function itself is never called."""
     raise NotImplementedError
 
 
 def report_form(rig: Held[Any]) -> Report:
-    """Have the signature of `reported` for any plant."""
+    """Define the signature of `reported` for compiled calls. The function itself is never called."""
     raise NotImplementedError
 
 
@@ -335,7 +335,7 @@ def run_steps(rig: Held[Assembly], voltages: tuple[float, float], first: int, cl
 
 @kernel
 def reported(rig: Held[Assembly]) -> Report:
-    """Return the values of `implement.COLUMNS`."""
+    """Return the current values of the implement's log columns, in the order of `implement.COLUMNS`."""
     v, _, attached, _, _, _, _, _, _ = fetched(rig)
     return implement_report(v, attached)
 

@@ -60,7 +60,8 @@ class Attached(NamedTuple):
 
 @kernel
 def unevenness(uneven: Array, step: float, travelled: float) -> float:
-    """Return draught divided by mean draught [-], a periodic function of the working distance `travelled` [m]."""
+    """Return the draught divided by its mean [-], interpolated at the working distance `travelled` [m] in a periodic
+    pattern."""
     place = travelled / step
     k = floor(place)
     share, i = place - k, int(k) % uneven.size
@@ -69,10 +70,9 @@ def unevenness(uneven: Array, step: float, travelled: float) -> float:
 
 @kernel
 def spread(z: float, before: float, now: float) -> float:
-    """Return the mean soil deflection after the stiffness has changed from `before` to `now`, for an old deflection
-    `z`.
+    """Return the mean deflection of the soil [m] after its stiffness has changed from `before` to `now`.
 
-    Soil that is added has no deflection.
+    `z` is the deflection before the change [m]. Soil that is added has no deflection.
     """
     return z * before / now if now > before else z
 
@@ -110,7 +110,7 @@ def carry_point(v: Views, body: int, at: Vector) -> tuple[Vector, Vector]:
 
 @kernel
 def implement_report(v: Views, a: Attached) -> tuple[float, ...]:
-    """Return the values of the log columns of an implement, in the order of `implement.COLUMNS`."""
+    """Return the current values of the implement's log columns, in the order of `implement.COLUMNS`."""
     R, T = v.xmat[a.body], v.xmat[CHASSIS]
     yaw, ahead = atan2(R[3], R[0]), atan2(T[3], T[0])
     (x, y, _), _ = carry_point(v, a.body, a.point)
