@@ -73,8 +73,10 @@ class CompiledSensor(Sensor):
     """Base class of the optional sensors with a compiled law (measurement function)."""
 
     law: ClassVar[Callable[..., tuple[Any, Any]]]
-    """Compiled measurement function, which maps parameters, values, addresses of random streams and motion to new
-    values and a measurement.
+    """Compiled measurement function.
+
+    The arguments are the parameters, the numeric state of the sensor, the addresses of its random streams, and the
+    motion of the tractor. The results are the new numeric state and the measurement.
     """
     absent: ClassVar[Any] = nan
     """Measurement returned if the tractor does not have the sensor, usually NaN."""
@@ -110,5 +112,5 @@ class OptionalSensor(Sensor):
         return (self.column,) if self.enabled else ()
 
     def report(self, reading: float) -> tuple[float, ...]:
-        """Return the value of the log column, or an empty tuple if the sensor is absent."""
+        """Return the measurement as the value of the log column, or an empty tuple if the sensor is absent."""
         return (reading,) if self.enabled else ()

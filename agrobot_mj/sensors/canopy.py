@@ -1,4 +1,4 @@
-"""Parts of the field with an obstructed view of the sky, for example below trees or between buildings.
+"""Areas of the field with an obstructed view of the sky, for example below trees or between buildings.
 
 Below the canopy the receiver has a float solution or no solution; losses of the solution form a two-state Markov chain.
 After leaving the canopy the receiver has a float solution until the ambiguities are resolved. Positions are ENU
@@ -20,7 +20,7 @@ Place = Annotated[float, Field(ge=-HUGE, le=HUGE)]
 
 
 class CanopyState(NamedTuple):
-    """State of a canopy between two ticks."""
+    """State of the signal reception below one canopy between two ticks."""
 
     generator: Generator  # Random stream of the signal losses, advanced in place
     lapsed: bool  # Whether an antenna below the canopy currently has no solution
@@ -54,7 +54,7 @@ class Canopy(Spec):
         return self
 
     def init(self, seed: int, index: int) -> CanopyState:
-        """Return the state before the first tick; `index` is the index of the canopy in the receiver's list."""
+        """Return the state before the first tick; `index` is the position of the canopy in the list of the receiver."""
         generator = stream(seed, f"gnss.canopy.{index}")
         return CanopyState(generator, bool(generator.random() < self.lapse_share))
 

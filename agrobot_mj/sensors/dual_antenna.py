@@ -30,7 +30,7 @@ class DualAntennaLaw(NamedTuple):
     baseline: float  # Distance between the antennas [m]
     sigma: float  # Standard deviation of the white noise of the relative position [m]
     slow: float  # Standard deviation of the slow relative position error [m]
-    kept: Shares  # Weights of the last value and of white noise in the slow error [-]
+    kept: Shares  # Weights of the last value and of new white noise in the slow error [-]
     mounting: float  # Constant mounting error of the heading [rad]
 
 
@@ -38,7 +38,7 @@ class DualAntennaLaw(NamedTuple):
 def antenna_heading(
     p: DualAntennaLaw, slow: float, generator: int, motion: SensedMotion, quality: int
 ) -> tuple[float, float]:
-    """Return the new slow error, relative to its standard deviation [-], and the measured heading, wrapped [rad].
+    """Return the new slow error, divided by its standard deviation [-], and the measured heading, wrapped [rad].
 
     The heading is NaN without a second antenna or without fixed ambiguities.
     """

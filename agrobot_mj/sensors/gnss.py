@@ -28,7 +28,7 @@ FLOAT = Quality.FLOAT
 
 
 def _nearest_rate(rate_hz: float) -> float:
-    """Return the solution rate [Hz] with the interval in whole ticks that is nearest to the interval of `rate_hz`."""
+    """Return the solution rate [Hz] after rounding the interval between solutions, 1 / `rate_hz`, to whole ticks."""
     return 1.0 / (max(round(1.0 / (rate_hz * TICK_S)), 1) * TICK_S)
 
 
@@ -55,7 +55,7 @@ class FixErrors(NamedTuple):
     height: tuple[float, float]  # Height errors of a fixed and a float solution
     multipath: Vector  # Additional multipath error of a fixed solution, east, north and up
     drift: Vector  # Additional slower error of a fixed solution, east, north and up
-    aside: float  # Slow error of the position of the second antenna relative to the first
+    aside: float  # Slow error of the position of the second antenna relative to the first antenna
 
 
 class Streams(NamedTuple):
@@ -72,8 +72,8 @@ class Streams(NamedTuple):
 class ErrorPart(NamedTuple):
     """Parameters of the position errors of a fixed or a float solution."""
 
-    slow: float
-    fast: float  # Standard deviations of the correlated (`slow`) and white (`fast`) position error per axis [m]
+    slow: float  # Standard deviation of the correlated position error per axis [m]
+    fast: float  # Standard deviation of the white position error per axis [m]
     kept: Shares  # Weights of the last value and of white noise in the correlated error [-]
 
 
@@ -97,7 +97,7 @@ class GnssLaw(NamedTuple):
 
 
 class Sky(NamedTuple):
-    """Reception conditions and faults of a solution."""
+    """Reception conditions and faults that affect a GNSS solution."""
 
     quality: int = Quality.FIX  # Quality of the solution, a constant of `Quality`
     offset: tuple[float, float] = (0.0, 0.0)  # Offset of the reported position [m], east and north
@@ -112,7 +112,7 @@ Solved = tuple[float, float, float, float, float, float]  # Fields of a `Fix` wi
 def solution(
     p: GnssLaw, s: FixErrors, streams: Streams, motion: SensedMotion, sky: Sky
 ) -> tuple[FixErrors, tuple[Solved, float]]:
-    """Return the correlated errors after a tick, the solution, and the heading from two antennas [rad]."""
+    """Return the correlated errors after a tick, the solution, and the heading from two antennas [rad] or NaN."""
     aside, heading = antenna_heading(p.dual, s.aside, streams.aside, motion, sky.quality)
     fixed = wandered_plane(s.fixed, p.fixed.kept, streams.fixed)
     floating = wandered_plane(s.floating, p.floating.kept, streams.floating)
@@ -157,7 +157,7 @@ class Delivery(NamedTuple):
     canopies: tuple[CanopyState, ...]  # State of each canopy
     heading: SignalLine = SignalLine()  # Signal line that transmits the heading from two antennas
     pending: tuple[GnssReading, ...] = ()  # Solutions in transit, one per tick, oldest first
-    last: Fix | None = None  # Last computed solution, which a frozen receiver repeats, or None before the first one
+    last: Fix | None = None  # Last computed solution, which a frozen receiver repeats, or None at the start
 
 
 class GnssState(NamedTuple):
@@ -214,14 +214,14 @@ class Gnss(Sensor):
     """Parts of the field with an obstructed view of the sky, configured by `[[sensors.gnss.canopy]]`."""
 
     def configured(self, ahead: float, left: float) -> tuple[float, float]:
-        """Return the antenna distances ahead and left of the rear axle [m] as configured, by default the true
-        values."""
+        """Return the distances of the antenna ahead and left of the rear axle [m] in the on-board computer, by default
+        the true distances `ahead` and `left`."""
         given_ahead, given_left = self.configured_ahead_m, self.configured_left_m
         return ahead if given_ahead is None else given_ahead, left if given_left is None else given_left
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Log columns of the height and, with two antennas, of the heading."""
+        """Log columns of the measured antenna height and, with two antennas, of the measured heading."""
         height = Column("gnss_z", "m", "GNSS solution of the antenna, up; null without a solution", drawn=False)
         heading = Column("gnss_heading", "rad", "heading from two antennas; null without fixed ambiguities")
         return (height, heading) if self.dual_antenna.enabled else (height,)
@@ -251,7 +251,7 @@ class Gnss(Sensor):
     def measure(
         self, state: GnssState, truth: Truth, conditions: Conditions, dt: float
     ) -> tuple[GnssState, GnssReading]:
-        """Return the new state and the solution delivered in this tick."""
+        """Return the new state and the solution that the receiver delivers in this tick."""
         noise, delivery = state
         delivery, sky = self.sky(delivery, truth, conditions, dt)
         streams = Streams(*addresses(noise.generators))
@@ -304,7 +304,7 @@ class Gnss(Sensor):
         return Delivery(canopies, line, pending, last), reading
 
     def report(self, reading: GnssReading) -> tuple[float, ...]:
-        """Return the height, and with two antennas the heading, or NaN if there is no solution."""
+        """Return the antenna height [m] and, with two antennas, the heading [rad]; both are NaN without a solution."""
         z, heading = (reading.fix.z, reading.fix.heading) if reading.fix else (nan, nan)
         return (z, heading) if self.dual_antenna.enabled else (z,)
 
@@ -315,7 +315,10 @@ def _part(sigma: float, share: float, kept: Shares) -> ErrorPart:
 
 
 def _frozen(fix: Fix, last: Fix, keep: Frozen) -> Fix:
-    """Return the solution `fix` or, if the receiver is frozen, the position of `last` with the current time."""
+    """Return the solution `fix`, or the position of `last` at the time of `fix` if the receiver is frozen.
+
+    `keep` selects the velocity of a frozen receiver: current, last or zero.
+    """
     match keep:
         case "":
             return fix

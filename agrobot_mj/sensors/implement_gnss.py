@@ -26,8 +26,8 @@ class ImplementGnssLaw(NamedTuple):
     """Parameters of the receiver on the implement, as numbers for compiled kernels."""
 
     sigma: float  # Standard deviation of the position error per axis [m]
-    slow: float
-    fast: float  # Standard deviations of the correlated (`slow`) and white (`fast`) error, divided by `sigma` [-]
+    slow: float  # Standard deviation of the correlated error, divided by `sigma` [-]
+    fast: float  # Standard deviation of the white error, divided by `sigma` [-]
     kept: Shares  # Weights of the last value and of white noise in the correlated error [-]
 
 
@@ -75,7 +75,7 @@ class ImplementGnss(CompiledSensor):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Log columns of the position, or an empty tuple if the receiver is absent."""
+        """Log columns of the position measured on the implement, or an empty tuple if the receiver is absent."""
         if not self.enabled:
             return ()
         return (
@@ -84,5 +84,5 @@ class ImplementGnss(CompiledSensor):
         )
 
     def report(self, reading: ImplementFix) -> tuple[float, ...]:
-        """Return the measured position, or an empty tuple if the receiver is absent."""
+        """Return the position measured on the implement [m], or an empty tuple if the receiver is absent."""
         return tuple(reading) if self.enabled else ()

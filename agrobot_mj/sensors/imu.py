@@ -37,7 +37,7 @@ class Attitude(NamedTuple):
 
 
 class UnitMotion(NamedTuple):
-    """Motion of the unit and the tractor at the end of a tick, used to compute the acceleration in the next tick."""
+    """Motion of unit and tractor at the end of a tick, from which the next tick computes the acceleration."""
 
     velocity: Vector  # Velocity of the inertial unit, ENU [m/s]
     speed: float  # Speed of the tractor along its heading [m/s]
@@ -51,7 +51,7 @@ class ImuLaw(NamedTuple):
     aided: bool  # Whether the unit subtracts accelerations computed from speed and yaw rate
     inclined: bool  # Whether the unit is an inclinometer, without levelling by gyros
     keep: float  # Fraction of the tilt error that remains after a tick [-]
-    shown: float  # Tilt error that a unit acceleration causes in a tick [rad s2/m]
+    shown: float  # Tilt error that an acceleration causes in a tick, divided by the acceleration [rad s2/m]
     place: Vector  # Position of the unit relative to the ground below the rear axle: ahead, left and up [m]
     sigma: float  # Standard deviation of the white noise of each axis [deg]
     slow: float  # Standard deviation of the slow error of each axis [deg]
@@ -89,7 +89,7 @@ def attitude(p: ImuLaw, s: ImuValues, streams: tuple[int], motion: SensedMotion)
 
 @jit
 def _unit_motion(p: ImuLaw, motion: SensedMotion) -> UnitMotion:
-    """Return the motion of the inertial unit at its mounting position."""
+    """Return the velocity of the inertial unit at its mounting position, with speed and heading of the tractor."""
     swing = cross(motion.body_rates, p.place)
     forward, left, up = to_level(motion.roll, motion.pitch, swing)
     east, north = from_heading(motion.yaw, forward, left)
@@ -107,7 +107,7 @@ def _acceleration(last: UnitMotion, now: UnitMotion, turned: float, dt: float) -
 
 @jit
 def _known(p: ImuLaw, last: UnitMotion, now: UnitMotion, turned: float) -> tuple[float, float]:
-    """Return the acceleration computed by aiding [m/s2], forward and to the left, or 0 without aiding."""
+    """Return the acceleration [m/s2] that aiding computes, forward and to the left, or 0 without aiding."""
     if not p.aided:
         return 0.0, 0.0
     return (now.speed - last.speed) / p.dt, (now.speed + last.speed) / 2 * turned / p.dt
@@ -117,7 +117,8 @@ def _known(p: ImuLaw, last: UnitMotion, now: UnitMotion, turned: float) -> tuple
 def _levelled(
     p: ImuLaw, tilt: tuple[float, float], pull: Vector, turned: float, motion: SensedMotion
 ) -> tuple[float, float]:
-    """Return the tilt errors of roll and pitch [rad] after a tick with the uncompensated acceleration `pull` [m/s2]."""
+    """Return the errors of roll and pitch [rad] after a tick in which aiding does not compensate the acceleration
+    `pull`."""
     if p.inclined:
         f_x, f_y, f_z = _force(pull, motion)
         return atan2(f_y, f_z) - motion.roll, atan2(-f_x, hypot(f_y, f_z)) - motion.pitch
@@ -128,7 +129,7 @@ def _levelled(
 
 @jit
 def _force(pull: Vector, motion: SensedMotion) -> Vector:
-    """Return the specific force [m/s2] in chassis axes for an acceleration in the level frame."""
+    """Return the specific force [m/s2] in chassis axes for the acceleration `pull` [m/s2] in the level frame."""
     return to_body(motion.roll, motion.pitch, (pull[0], pull[1], pull[2] + GRAVITY))
 
 

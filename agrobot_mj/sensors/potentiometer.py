@@ -45,7 +45,7 @@ def rounded_mean(p: PotentiometerLaw, generator: int, history: Vector) -> float:
 
 
 class Potentiometer(Sensor):
-    """Base class of the potentiometers. Subclasses define `seen`, the true signal at their mounting position."""
+    """Base class of the potentiometers. Subclasses define `seen`, the true signal at the position of the sensor."""
 
     place: ClassVar[str]
     """Name of the sensor's random stream."""
@@ -92,7 +92,7 @@ class Potentiometer(Sensor):
         return PotentiometerLaw(*_resampling(steps, self.samples), self.weights, counts, sigma)
 
     def seen(self, truth: Truth) -> Array:
-        """Return the true signal after each physics step, shape (n >= 1,), in the unit of the measurement."""
+        """Return the true signal after each of n physics steps, shape (n,), in the unit of the measurement."""
         raise NotImplementedError
 
     def read(self, history: Array, generator: Generator) -> float:
@@ -100,7 +100,7 @@ class Potentiometer(Sensor):
         return rounded_mean(self.parameters(len(history)), address(generator), cast(Vector, history))
 
     def measure(self, state: Generator, truth: Truth, conditions: Conditions, dt: float) -> tuple[Generator, float]:
-        """Return the random stream, advanced in place, and the measurement at the end of a tick."""
+        """Return the random stream, which has advanced in place, and the measurement at the end of a tick."""
         return state, self.read(self.seen(truth), state)
 
 
@@ -139,7 +139,7 @@ class SteeringPotentiometer(Potentiometer):
         return self.at == "virtual" and not any(errors) and self.scale_left == self.scale_right == 1.0
 
     def characteristic(self, delta: Array) -> Array:
-        """Return the measured angles for true angles `delta` (n,), without noise [rad]."""
+        """Return the measured angles without noise [rad] for true angles `delta` [rad], both with the shape (n,)."""
         if self.second_order_deg != 0.0 or self.third_order_deg != 0.0:
             share = delta / FULL_LOCK
             delta = delta + np.radians(self.second_order_deg * share**2 + self.third_order_deg * share**3)
@@ -148,7 +148,7 @@ class SteeringPotentiometer(Potentiometer):
         return delta + radians(self.centre_deg) if self.centre_deg else delta
 
     def seen(self, truth: Truth) -> Array:
-        """Return the measured angles without noise after each physics step [rad], positive to the left, shape (n,)."""
+        """Return the measured angle without noise after each physics step [rad], positive to the left, shape (n,)."""
         if self.at == "virtual" or not truth.knuckle_samples.size:
             return self.characteristic(truth.steer_samples)
         return self.characteristic(truth.knuckle_samples[0 if self.at == "left" else 1])
@@ -186,7 +186,7 @@ def _resampling(n: int, samples: int) -> tuple[Index, Matrix]:
 
 @lru_cache(maxsize=16)
 def _mean_of_savgol(samples: int, window: int, polyorder: int) -> Vector:
-    """Return the weight of each sample in the mean of the filtered samples, shape (samples,), read-only."""
+    """Return the weight of each sample in the mean of the filtered samples, as a read-only array, shape (samples,)."""
     found: Vector = savgol_matrix(samples, window, polyorder).mean(axis=0)
     found.setflags(write=False)
     return found

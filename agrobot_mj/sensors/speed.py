@@ -28,10 +28,10 @@ class SpeedLaw(NamedTuple):
     """Parameters of a speed sensor, as numbers for compiled kernels."""
 
     sigma: float  # Standard deviation of the white noise [m/s]
-    scale: float  # One plus the constant relative error [-]
+    scale: float  # One plus the constant relative error of the speed [-]
     slow: float  # Standard deviation of the slow relative error [-]
     kept: Shares  # Weights of the last value and of white noise in the slow error [-]
-    least: float  # Minimum speed, below which the reading is zero [m/s]
+    least: float  # Minimum speed, below which the measurement is zero [m/s]
 
 
 class SpeedValues(NamedTuple):
@@ -50,7 +50,7 @@ def _speed(p: SpeedLaw, s: SpeedValues, streams: tuple[int], speed: float) -> tu
 
 @jit
 def wheel_speed(p: SpeedLaw, s: SpeedValues, streams: tuple[int], motion: SensedMotion) -> tuple[SpeedValues, float]:
-    """Return the new state and the measured speed of the driven axle [m/s]."""
+    """Return the new state and the measured circumferential speed of the driven wheels [m/s]."""
     return _speed(p, s, streams, motion.wheel_speed)
 
 

@@ -36,8 +36,8 @@ LINES = {
     "imu_roll": ("imu", "roll"),
     "imu_pitch": ("imu", "pitch"),
 }
-"""Sensor name and measurement field ("" for plain numbers) of each signal line that faults can distort."""
-NO_SAMPLES = np.zeros(0)  # Replacement of the steering-angle samples in the true state
+"""Sensor name and measurement field (empty for plain numbers) of each signal line that faults can distort."""
+NO_SAMPLES = np.zeros(0)  # Empty array, for which `sense` samples the true steering angle
 
 
 class SensorState(NamedTuple):
@@ -45,7 +45,7 @@ class SensorState(NamedTuple):
 
     generators: Generators
     values: Held[Values]
-    delivery: Delivery  # State of the GNSS receiver except its errors
+    delivery: Delivery  # State of the GNSS receiver without its position errors
     states: dict[str, Any]  # States of the sensors that are not compiled
     readings: dict[str, Any]  # Last measurement of each sensor, or an empty mapping before the first tick
     lines: tuple[tuple[str, SignalLine], ...] = ()
@@ -107,7 +107,7 @@ class Sensors(Spec):
         return suite.measure(state, held(truth), conditions)
 
     def report(self, state: SensorState) -> tuple[float, ...]:
-        """Return the values of the log columns after a tick."""
+        """Return the values of the log columns of all sensors after a tick."""
         return _suite(self, TICK_S).report(state)
 
 
@@ -130,7 +130,7 @@ def _methods(kind: type) -> list[Any]:
 
 
 class Suite:
-    """Sensors of a run, with parameters prepared for the compiled call."""
+    """Sensors of a run, with parameters prepared for the compiled function `sense`."""
 
     def __init__(self, sensors: Sensors, dt: float) -> None:
         """Prepare the sensors for ticks of length `dt` [s]."""
@@ -141,7 +141,7 @@ class Suite:
         self._prepared: tuple[int, Any] = 0, None
         """Cached number of physics steps per tick, and the parameters of `sense` for this number."""
         self.plain = not self.others and self.gnss.immediate and self.steering_pot.linear
-        """Whether the compiled call delivers all measurements in ticks without faults."""
+        """Whether the compiled function delivers all measurements in ticks without faults."""
         self.compiled_only = all(type(sensor) is KINDS[name] for name, sensor in compiled.items())
         """Whether no sensor belongs to a subclass, which may change its log columns."""
         self._streams: tuple[Generators, Addresses] | None = None
@@ -158,7 +158,7 @@ class Suite:
     def measure(
         self, state: SensorState, truth: Held[Truth], conditions: Conditions
     ) -> tuple[SensorState, Measurement]:
-        """Return the new state and the measurement at the end of a tick."""
+        """Return the new state and the measurement at the end of a tick with the true state `truth`."""
         now, plain = truth, conditions is NOMINAL and self.plain
         if not (plain and self._prepared[0]):
             now = fetched(truth)
@@ -180,7 +180,7 @@ class Suite:
     def immediate(
         self, state: SensorState, values: Held[Values], found: SensorReadings, sound: bool
     ) -> tuple[SensorState, Measurement]:
-        """Return the new state and the measurement of a tick without faults, delayed solutions and other sensors."""
+        """Return the new state and the measurement of a tick without faults, GNSS latency and sensors outside `sense`."""
         (canopies, line, _, _), measured = state.delivery, self.measurement(found)
         if self.gnss.dual_antenna.enabled:
             line = SignalLine(found.heading)
@@ -189,12 +189,12 @@ class Suite:
         return after, measured
 
     def measurement(self, found: SensorReadings) -> Measurement:
-        """Return the measurement of a tick without faults and delayed solutions from the numbers of the sensors."""
+        """Return the measurement of a tick without faults and GNSS latency from the results of `sense`."""
         heading = wrap(found.heading) if self.gnss.dual_antenna.enabled else nan
         return _measurement(found.gnss[4], self._readings(found, GnssReading(Fix(*found.gnss, heading), Quality.FIX)))
 
     def _readings(self, found: SensorReadings, gnss: GnssReading) -> dict[str, Any]:
-        """Return the measurements by sensor name, with the solution `gnss` delivered in the tick."""
+        """Return the measurements by sensor name; `gnss` is the GNSS solution delivered in this tick."""
         _, _, steer_angle, pedal_place, gyro, imu, wheels, radar, implement = found
         return {
             "gnss": gnss,
@@ -209,7 +209,7 @@ class Suite:
         }
 
     def report(self, state: SensorState) -> tuple[float, ...]:
-        """Return the values of the log columns after a tick."""
+        """Return the values of the log columns of all sensors after a tick."""
         readings = state.readings
         values: list[float] = []
         for name, report in self._reporting:
@@ -226,12 +226,12 @@ class Suite:
             self._prepared = steps, held(Laws(*pots, present, self.gnss.parameters(self.dt), **laws))
 
     def compiled_form(self, generators: Generators, steps: int) -> tuple[Held[Laws], Held[Addresses]]:
-        """Return the parameters of `sense` for `steps` physics steps per tick, and the addresses of the generators."""
+        """Return parameters of `sense` for `steps` physics steps per tick, and addresses of the random streams."""
         self.prepare(steps)
         return self._prepared[1], self._addresses(generators)
 
     def readings_of(self, m: Measurement, heading: float | None) -> SensorReadings:
-        """Return the measurement with a fix as numbers; `heading` is the heading from two antennas before wrapping."""
+        """Return a measurement with a fix as numbers; `heading` is the two-antenna heading before wrapping."""
         fix, other = cast(Fix, m.fix), m.readings
         return SensorReadings(
             gnss=fix[:6],
@@ -281,7 +281,7 @@ def _suite(sensors: Sensors, dt: float) -> Suite:
 def _distort(
     readings: dict[str, Any], last: SensorState, conditions: Conditions, dt: float
 ) -> tuple[tuple[str, SignalLine], ...]:
-    """Write the values transmitted by distorted signal lines into `readings`; return the states of the lines."""
+    """Replace the values in `readings` that distorted signal lines transmit; return the states of these lines."""
     before, lines = dict(last.lines), []
     for name, (sensor, field) in LINES.items():
         if (distortion := getattr(conditions, name)) != SOUND:
