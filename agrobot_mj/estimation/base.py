@@ -42,7 +42,7 @@ kernel_method("after")
 
 
 class Readings(NamedTuple):
-    """Measurements of a tick, excluding the fix; a missing measurement is NaN."""
+    """Measurements of a tick except the fix, as numbers for compiled kernels; a missing measurement is NaN."""
 
     t: float  # Time of the measurements [s]
     gyro: float  # Yaw rate [rad/s]
@@ -53,13 +53,14 @@ class Readings(NamedTuple):
 
     @classmethod
     def of(cls, m: Measurement) -> "Readings":
-        """Convert a `Measurement`, without its fix, to numbers for compiled kernels."""
+        """Return the measurements `m` of a tick, except the fix, as numbers for compiled kernels."""
         return cls(m.t, m.gyro, m.wheel_speed, m.steer, m.roll, m.pitch)
 
 
 @shared
 def largest_sigma(covariance: Array) -> float:
-    """Return the maximum standard deviation of the position (first two states) over all directions [m]."""
+    """Return the maximum standard deviation over all directions [m] of the position, the first two states of
+    `covariance`."""
     p_xx, p_xy, p_yy = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
     middle, half = 0.5 * (p_xx + p_yy), 0.5 * (p_xx - p_yy)
     return sqrt(middle + sqrt(half * half + p_xy * p_xy))
@@ -92,7 +93,7 @@ class StateEstimator(Reporting):
 def estimator_form(
     settings: Held[Any], law: Held[Any], state: Held[Any], m: Readings, fix: Fix, quality: int, dt: float
 ) -> tuple[Held[Any], Held[Estimate], Vector]:
-    """Have the signature of a compiled estimator.
+    """Define the signature of a compiled estimator. The function itself is never called.
 
     The arguments are parameters of the estimator and of its pose filter or inputs, the state, the measurements and the
     fix (NaN if missing). The results are the new state, the estimate, and the values of the log columns.
@@ -113,11 +114,11 @@ class CompiledEstimator(StateEstimator):
         raise NotImplementedError
 
     def linked(self, state: Any) -> Linked | None:
-        """Return the compiled estimator for compiled ticks, or None if the next tick cannot be compiled."""
+        """Return the function and data for ticks in compiled code, or None if the next tick needs Python."""
         return None
 
     def resumed(self, state: Any, found: Held[Any], shown: Vector) -> Any:
-        """Return the state after compiled ticks from their last state `found` and the values `shown` of the columns."""
+        """Return the state after compiled ticks, whose last state is `found` and whose last log values are `shown`."""
         return found
 
 
@@ -126,4 +127,4 @@ HEALTH_COLUMNS = (
     Column("position_sigma", "m", "maximum estimated standard deviation of the rear-axle position over all directions"),
     Column("nis_mean", "-", "NIS of the position, smoothed over 5 s; 2 for a consistent filter"),
 )
-"""Log columns of `Estimate.fix_age`, `position_sigma` and `nis_mean`."""
+"""Log columns of the estimator's diagnostics: `Estimate.fix_age`, `position_sigma` and `nis_mean`."""

@@ -33,7 +33,7 @@ class PoseEkfLaw(NamedTuple):
 
 @jit
 def f(pose: Vector, speed: float, steer: float, wheelbase: float, dt: float) -> Vector:
-    """Return the pose (3,) after `dt` [s] at `speed` [m/s], steering angle `steer` [rad] and `wheelbase` [m]."""
+    """Return the pose (x, y, yaw) after `dt` [s] at `speed` [m/s], steering angle `steer` [rad] and `wheelbase` [m]."""
     (x, y, psi), T_s, u, delta, L = (pose[0], pose[1], pose[2]), dt, speed, steer, wheelbase
     yaw = psi + T_s * u * tan(delta) / L
     return np.array((x + T_s * u * cos(psi), y + T_s * u * sin(psi), yaw))  # [agrobots: kinematicmodelEKF]
@@ -41,7 +41,7 @@ def f(pose: Vector, speed: float, steer: float, wheelbase: float, dt: float) -> 
 
 @jit
 def jacobian(yaw: float, speed: float, dt: float) -> Matrix:
-    """Return the derivative of `f` with respect to the pose, shape (3, 3)."""
+    """Return the derivative of the new pose `f` with respect to the old pose, shape (3, 3)."""
     psi, T_s, u = yaw, dt, speed
     return np.array(((1.0, 0.0, -T_s * u * sin(psi)), (0.0, 1.0, T_s * u * cos(psi)), (0.0, 0.0, 1.0)))
 
@@ -62,7 +62,7 @@ def linearised(p: PoseEkfLaw, mean: Vector, inputs: Inputs, sigma: float) -> Lin
 def _tick(
     s: Held[PoseSettings], p: Held[PoseEkfLaw], state: Held[PoseState], m: Readings, fix: Fix, quality: int, dt: float
 ) -> tuple[Held[PoseState], Held[Estimate], Vector]:
-    """Return references to the new state and the estimate after a tick of `dt` [s], and the values of no columns."""
+    """Return references to the new state and the estimate after a tick of `dt` [s], and empty log values."""
     s, p, state = fetched(s), fetched(p), fetched(state)
     now = prepared(s, state, m, fix, quality, 0.0, dt)
     model = linearised(p, state.pose, (now.speed, m.steer, dt), now.sigma)
@@ -86,5 +86,5 @@ class Ekf(PoseEstimator):
     compiled = staticmethod(_tick)
 
     def pose_filter(self, tractor: TractorParameters) -> PoseEkf:
-        """Return the pose EKF of the paper."""
+        """Return the pose EKF of the paper for a `tractor`."""
         return PoseEkf(tractor.wheelbase_m, self.position_walk_m_rt_s, radians(self.yaw_walk_deg_rt_s))

@@ -6,9 +6,9 @@ sum as a state. The yaw is the course of R, the direction of motion of the rear 
 heading and sideslip is observable, on any path. Heading and course differ by the slip of the rear tyres: a few tenths
 of a degree in a bend of 10 m on level ground, and the crab angle on a side slope.
 
-States: x, y [m] of R, course chi [rad, not wrapped], steering bias b [rad], and g_x, g_y [-], the correlated error of
-the fix, a first-order Gauss-Markov process [Brown2012] in units of its standard deviation s. Inputs and measurement as
-in `ekf` (speed u, steering angle delta, measured position z):
+The states are x, y [m] of R, the course chi [rad, not wrapped], the steering bias b [rad], and the errors g_x, g_y [-].
+g is the correlated error of the fix divided by its standard deviation s, a first-order Gauss-Markov process
+[Brown2012]. The inputs are the speed u and the steering angle delta, and the measurement is the position z of the fix:
 
   chi' = u tan(delta - b) / L,    x' = u cos(chi),  y' = u sin(chi),    random walk of b and g,    z = (x, y) + s g
 
@@ -47,7 +47,7 @@ class Levels(NamedTuple):
 
 @jit
 def f(state: Vector, speed: float, steer: float, wheelbase: float, dt: float, phi: float) -> Vector:
-    """Return the state (6,) after `dt` [s]; `phi` is the decay factor of the correlated GNSS error during `dt` [-]."""
+    """Return the states (6,) after `dt` [s]; `phi` is the decay factor of the correlated GNSS error during `dt` [-]."""
     x, y, chi, b, g_x, g_y = state[0], state[1], state[2], state[BIAS], state[4], state[5]
     T_s, u, L = dt, speed, wheelbase
     turned = chi + T_s * u * tan(steer - b) / L
@@ -56,7 +56,7 @@ def f(state: Vector, speed: float, steer: float, wheelbase: float, dt: float, ph
 
 @jit
 def jacobian(state: Vector, speed: float, steer: float, wheelbase: float, dt: float, phi: float) -> Matrix:
-    """Return the derivative of `f` with respect to the state, shape (6, 6)."""
+    """Return the derivative of the new states `f` with respect to the old states, shape (6, 6)."""
     chi, b, T_s, u, L = state[2], state[BIAS], dt, speed, wheelbase
     F, angle = np.eye(6), steer - b
     F[4, 4] = F[5, 5] = phi
@@ -91,7 +91,7 @@ def linearised(p: BiasEkfLaw, mean: Vector, inputs: Inputs, sigma: float) -> Lin
 def _tick(
     s: Held[PoseSettings], p: Held[BiasEkfLaw], state: Held[PoseState], m: Readings, fix: Fix, quality: int, dt: float
 ) -> tuple[Held[PoseState], Held[Estimate], Vector]:
-    """Return references to the new state and the estimate after a tick of `dt` [s], and the values of no columns."""
+    """Return references to the new state and the estimate after a tick of `dt` [s], and empty log values."""
     s, p, state = fetched(s), fetched(p), fetched(state)
     now = prepared(s, state, m, fix, quality, state.pose[BIAS], dt)
     model = linearised(p, state.pose, (now.speed, m.steer, dt), now.sigma)

@@ -45,7 +45,7 @@ class FullState(NamedTuple):
 
     settings: Held[Settings]  # Constant parameters of the estimator, computed by `init`
     horizon: Horizon  # Filter state at the newest fix, and newer measurements
-    nothing: Held[Waiting]  # Input of the filter in a tick without latency: no waiting measurements
+    nothing: Held[Waiting]  # Input of the filter in a tick without latency: an empty queue of measurements
     logged: Vector  # Values of the columns after the last tick, or NaN before the first tick, shape (11,)
 
 
@@ -238,7 +238,7 @@ class EkfFull(CompiledEstimator):
         )
 
     def _fix_noises(self, antenna: float) -> tuple[FixNoise, FixNoise, FixNoise, FixNoise]:
-        """Return the rear-axle position error for each fix quality; `antenna` is the antenna height [m]."""
+        """Return the rear-axle position error for each constant of `Quality`; `antenna` is the antenna height [m]."""
         lean = radians(self.imu_wander_sigma_deg if self.terrain_compensation else self.lean_sigma_deg) * antenna
         fixed, floating = self.gnss_correlated_fraction, self.gnss_float_correlated_fraction
         s, s_float = self.gnss_sigma_m, self.gnss_float_sigma_m
@@ -261,23 +261,24 @@ class EkfFull(CompiledEstimator):
         return not is_compiled(self, "updated", "report", "columns")
 
     def linked(self, state: FullState) -> Linked | None:
-        """Return the estimator for compiled ticks, or None while measurements wait for delayed fixes."""
+        """Return the function and data for ticks in compiled code, or None while measurements wait for delayed fixes."""
         if len(state.horizon.waiting):
             return None
         return Linked(self.compiled, state.settings, state.horizon.held, state.nothing)
 
     def resumed(self, state: FullState, found: Held[FullNumbers], shown: Vector) -> FullState:
-        """Return the state after compiled ticks from their last state `found` and the values `shown` of the columns."""
+        """Return the state after compiled ticks, whose last state is `found` and whose last log values are `shown`."""
         return state._replace(horizon=Horizon(found).after(found, 1)._replace(history=((),)), logged=shown)
 
     def report(self, state: FullState) -> tuple[float, ...]:
-        """Return the values of the log columns after a tick."""
+        """Return the values of the log columns after the last tick."""
         return tuple(state.logged.tolist())
 
 
 def _fix_noise(sigma: float, fraction: float, lean: float, correlation_time: float) -> FixNoise:
-    """Return the fix error `sigma` [m], split into a correlated part (a `fraction` of the variance) and a white part.
+    """Return the position error of a fix, split into a correlated and a white part.
 
-    `lean` [m] is the error due to antenna tilt, which is added to the correlated part.
+    The standard deviation is `sigma` [m], and the correlated part is the `fraction` [-] of the variance. `lean` [m] is
+    the error due to antenna tilt, which is added to the correlated part.
     """
     return FixNoise(sqrt(sigma * sigma * fraction + lean * lean), sigma * sqrt(1.0 - fraction), correlation_time)

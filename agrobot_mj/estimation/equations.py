@@ -13,7 +13,7 @@ from agrobot_mj.core.signals import Array, Matrix, Vector
 
 @jit
 def prior(P: Array, F: Array, Q: Array) -> Matrix:
-    """Return the predicted covariance F P F' + Q, with the transition F (n, n) and the process noise Q (n, n)."""
+    """Return the predicted covariance F P F' + Q of the covariance P, with transition F and process noise Q (n, n)."""
     found = times(F, times(F, P).T.copy()).T.copy()
     for i in range(found.shape[0]):
         for j in range(found.shape[1]):
@@ -40,7 +40,7 @@ def posterior(x: Array, P: Array, H: Array, y: Array, R: Array) -> tuple[Vector,
 
 @jit
 def tick(x: Array, P: Array, F: Array, Q: Array, y: Array, H: Array, R: Array) -> tuple[Vector, Matrix, float]:
-    """Predict the covariance P, then correct P and the predicted mean `x`. Return mean, covariance and NIS [-]."""
+    """Predict the covariance P, correct P and the predicted mean `x`, and return mean, covariance and NIS [-]."""
     return posterior(x, prior(P, F, Q), H, y, R)
 
 

@@ -13,7 +13,7 @@ from agrobot_mj.machine.tractor import GRAVITY
 
 
 class Inputs(NamedTuple):
-    """Measurements of a tick, excluding the fix; a missing measurement is NaN."""
+    """Measurements of a tick except the fix, for the filter of `ekf_full`; a missing measurement is NaN."""
 
     t: float  # Time of the measurements [s]
     gyro: float  # Measured yaw rate [rad/s]
@@ -40,8 +40,10 @@ class Gates(NamedTuple):
 
 
 class Search(NamedTuple):
-    """State of the search for the initial yaw: sums of wheel speed times fix velocity along and across the predicted
-    course."""
+    """State of the search for the initial yaw.
+
+    The search sums products of wheel speed and fix velocity, along and across the predicted course.
+    """
 
     active: bool = True  # Whether the yaw is unknown
     along: float = 0.0  # Sum of wheel speed times fix velocity along the predicted course [m2/s2]
@@ -53,7 +55,7 @@ FOUND = Search(active=False)  # State of the yaw search after the yaw has been f
 
 
 class Rejections(NamedTuple):
-    """Counts of accepted and rejected fixes."""
+    """Numbers of accepted and rejected fixes, and time of the last accepted fix."""
 
     accepted_t: float = 0.0
     """Time of the last accepted fix [s]; before the first accepted fix, the start of the run."""
@@ -67,7 +69,7 @@ class Rejections(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """Time, quality and speed of the last fix, and whether the fix speed has jumped."""
+    """Time, quality and speed of the last fix, and whether the speed of the fixes has jumped."""
 
     t: float = -1.0  # Time of the last fix [s]
     quality: int = Quality.FIX  # Quality of the last fix
@@ -112,7 +114,8 @@ class Core(NamedTuple):
 
 @jit
 def alone(covariance: Matrix, index: int, sigma: float) -> Matrix:
-    """Return the covariance with the state `index` uncorrelated and its standard deviation set to `sigma`."""
+    """Return `covariance` after decoupling the state `index` from all other states and setting its standard
+    deviation."""
     P = covariance.copy()
     for other in range(P.shape[0]):
         P[index, other] = P[other, index] = 0.0
@@ -122,7 +125,7 @@ def alone(covariance: Matrix, index: int, sigma: float) -> Matrix:
 
 @jit
 def forget_correlated(mean: Vector, covariance: Matrix) -> tuple[Vector, Matrix]:
-    """Return the mean and covariance with the correlated fix error reset to its stationary distribution."""
+    """Return the mean and covariance after resetting the correlated fix error to its stationary distribution."""
     mean = mean.copy()
     mean[G_E] = mean[G_N] = 0.0
     return mean, alone(alone(covariance, G_E, 1.0), G_N, 1.0)
@@ -130,7 +133,7 @@ def forget_correlated(mean: Vector, covariance: Matrix) -> tuple[Vector, Matrix]
 
 @jit
 def at_fix(mean: Vector, covariance: Matrix, fix: Fix, noise: FixNoise) -> tuple[Vector, Matrix]:
-    """Return the mean and covariance after setting the position to the fix, with the position error `noise`."""
+    """Return the mean and covariance after moving the position to the fix, whose position error is `noise`."""
     mean, P = forget_correlated(mean, covariance)
     sigma = sqrt(noise.correlated * noise.correlated + noise.white * noise.white)
     mean[X], mean[Y] = fix.x, fix.y
@@ -147,6 +150,6 @@ def turned(mean: Vector, covariance: Matrix, angle: float, sigma: float) -> tupl
 
 @shared
 def accepted(r: Rejections, t: float) -> Rejections:
-    """Return the new `Rejections` after an accepted position at time `t` [s]."""
+    """Return the counts `r` updated for a fix whose position has been accepted at time `t` [s]."""
     since = r.accepted_t if r.probation > 1 else t
     return Rejections(since, max(r.probation - 1, 0), 0, r.velocity, r.positions, r.velocities, r.restarts)

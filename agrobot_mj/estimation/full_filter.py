@@ -100,14 +100,14 @@ JUMP_M_S2 = 15.0
 """Maximum plausible rate of change of the speed of GNSS fixes [m/s2]. Assumed value: twice the friction limit of the
 tyres."""
 
-Used = tuple[bool, bool, bool]  # Whether position, velocity and heading of a fix are used, in this order
+Used = tuple[bool, bool, bool]  # Whether the filter uses the position, velocity and heading of a fix, in this order
 
 
 class FullFilter(NamedTuple):
     """Parameters of the filter of `ekf_full`: noise levels, gate limits and antenna position."""
 
     levels: FullLevels  # Noise levels of states and measurements
-    noises: tuple[FixNoise, FixNoise, FixNoise, FixNoise]  # Position error of a fix, for each fix quality
+    noises: tuple[FixNoise, FixNoise, FixNoise, FixNoise]  # Position error of a fix for each constant of `Quality`
     gates: Gates  # Limits for rejecting a fix as an outlier
     antenna: tuple[float, float, float]  # Position of the antenna relative to the rear-axle point R in vehicle axes [m]
     swing_filter: float  # Time constant for filtering the antenna velocity due to tilting; 0 disables the filter [s]
@@ -115,7 +115,7 @@ class FullFilter(NamedTuple):
 
 @jit
 def step(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, quality: int, dt: float) -> Core:
-    """Return the filter state after a tick of `dt` [s], corrected by `inputs` and by a fix (NaN if missing)."""
+    """Return the filter state after a tick of `dt` [s], corrected by `inputs` and by a fix, which is NaN if missing."""
     seen = isfinite(fix.x)
     if seen:
         core = _received(f, core, fix, quality)
@@ -141,7 +141,10 @@ def step(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, quality: int, dt: 
 
 @jit
 def _received(f: FullFilter, core: Core, fix: Fix, quality: int) -> Core:
-    """Return the filter state prepared for a fix; the first two-antenna heading adds two states."""
+    """Return the filter state prepared for a fix; the first two-antenna heading adds two states.
+
+    A change of the quality resets the correlated fix error.
+    """
     mean, P, last = core.mean, core.covariance, core.seen
     if quality != last.quality:
         mean, P = forget_correlated(mean, P)
@@ -176,13 +179,13 @@ def _predicted(f: FullFilter, core: Core, inputs: Inputs, noise: FixNoise, sway:
 
 @jit
 def _crab(core: Core, inputs: Inputs) -> float:
-    """Return the modelled sideslip [rad], positive to the right."""
+    """Return the sideslip of the rear axle modelled from side force and curvature [rad], positive to the right."""
     return modelled_crab(core.mean, core.mean[V], SideLoad(side_of(inputs), core.smooth.bend))
 
 
 @jit
 def _curvature(f: FullFilter, mean: Vector, inputs: Inputs) -> float:
-    """Return the path curvature [1/m] from the steering angle or, if missing, from the yaw rate."""
+    """Return the path curvature [1/m] from the steering angle or, without steering angle, from the yaw rate."""
     if isfinite(inputs.steer):
         return tan(inputs.steer - mean[B_S]) / f.levels.wheelbase
     v = mean[V]
@@ -201,7 +204,11 @@ def _lever(f: FullFilter, core: Core, inputs: Inputs, mean: Vector, dt: float) -
 def _with_fix(
     f: FullFilter, core: Core, inputs: Inputs, fix: Fix, sway: float, dt: float
 ) -> tuple[Core, float, FixRows, Used]:
-    """Apply the gates to a fix. Return state, wheel speed (NaN if rejected), measurements, and which are used."""
+    """Apply the gates to a fix.
+
+    Return the filter state, the wheel speed (NaN if rejected), the measurement rows of the fix, and which rows are
+    used.
+    """
     mean, P, search, r, variation = core.mean, core.covariance, core.search, core.rejections, core.sway
     noise, side, t = f.noises[core.seen.quality], SideLoad(side_of(inputs), core.smooth.bend), core.seen.t
     gap = min(inputs.t - t, LONGEST_GAP_S) if t >= 0.0 else dt
@@ -232,7 +239,7 @@ def _with_fix(
 
 @jit
 def _checked_wheels(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, side: SideLoad) -> tuple[Seen, float]:
-    """Return the time, quality and speed of the fix, and the wheel speed, which is NaN if the wheels spin or slide.
+    """Return the properties of the fix, and the wheel speed [m/s], which is NaN if the wheels spin or slide.
 
     Wheels spin or slide if their speed differs from a fix speed that has not jumped.
     """
@@ -273,7 +280,7 @@ def _rows(f: FullFilter, core: Core, fix: Fix, gap: float, sway: float, side: Si
 
 @jit
 def _gated_position(gates: Gates, rows: FixRows, r: Rejections, t: float) -> tuple[bool, bool, Rejections]:
-    """Return whether a position passes its gate, whether the estimate is reset to it, and the new `Rejections`."""
+    """Return whether a position passes its gate, whether the position restarts from the fix, and the new counts."""
     y = rows.innovation
     if rows.position_nis < gates.nis or sqrt(y[0] * y[0] + y[1] * y[1]) < gates.position:
         return True, False, accepted(r, t)
@@ -289,7 +296,7 @@ def _gated_position(gates: Gates, rows: FixRows, r: Rejections, t: float) -> tup
 
 @jit
 def _gated_velocity(gates: Gates, rows: FixRows, r: Rejections) -> tuple[bool, bool, Rejections]:
-    """Return whether a velocity passes its gate, whether the search for the yaw restarts, and new `Rejections`."""
+    """Return whether a velocity passes its gate, whether the search for the yaw restarts, and the new counts."""
     y, t = rows.innovation, r.accepted_t
     if rows.velocity_nis < gates.nis or sqrt(y[2] * y[2] + y[3] * y[3]) < gates.velocity:
         return True, False, Rejections(t, r.probation, r.position, 0, r.positions, r.velocities, r.restarts)
@@ -301,7 +308,7 @@ def _gated_velocity(gates: Gates, rows: FixRows, r: Rejections) -> tuple[bool, b
 
 @jit
 def _is_probable(gates: Gates, P: Matrix, rows: FixRows) -> bool:
-    """Return whether a fix contains a two-antenna heading and whether this heading passes its gate."""
+    """Return whether a fix has a two-antenna heading that passes its gate."""
     innovation = rows.innovation[4]
     if P.shape[0] == N or not isfinite(innovation):
         return False
@@ -313,7 +320,7 @@ def _is_probable(gates: Gates, P: Matrix, rows: FixRows) -> bool:
 def _searched(
     f: FullFilter, mean: Vector, P: Matrix, search: Search, wheel: float, fix: Fix, side: SideLoad
 ) -> tuple[Vector, Matrix, Search]:
-    """Return the mean, covariance and state of the yaw search after a fix with GNSS velocity or two-antenna heading."""
+    """Return mean, covariance and yaw search after a fix; a two-antenna heading ends the search at once."""
     if isfinite(fix.heading):
         innovation = wrap(fix.heading - (mean[PSI] + mean[MOUNT]))
         mean, P = turned(mean, P, innovation, f.levels.heading_sigma)

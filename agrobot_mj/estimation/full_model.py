@@ -76,7 +76,7 @@ class FullLevels(NamedTuple):
     turn_offset_walk: float = 0.004  # Random walk of the turn offset with distance [m/sqrt(m)]
     load_transfer: float = 0.0  # CG height divided by the distance of the CG from the front axle [-]
     cg_arm: float = 0.0  # Distance l_r of the CG ahead of the rear axle [m]
-    roll: float = 0.0  # Outward roll in a bend divided by the specific side force [rad s2/m], without compensation
+    roll: float = 0.0  # Outward roll in a bend divided by the specific side force [rad s2/m], or 0 with an IMU
 
 
 class FixNoise(NamedTuple):
@@ -88,7 +88,7 @@ class FixNoise(NamedTuple):
 
 
 class SideLoad(NamedTuple):
-    """Inputs of the sideslip model that are not filter states."""
+    """Inputs of the sideslip model that are not filter states: gravity on a side slope, and curvature."""
 
     gravity: float = 0.0  # Gravity component of the specific side force [m/s2]
     bend: float = 0.0  # Curvature of the bend [1/m]
@@ -105,19 +105,19 @@ value: ten times the speed uncertainty."""
 
 @jit
 def sideslip(mean: Vector, v: float, side: SideLoad) -> float:
-    """Return the sideslip, the course of the rear axle minus the heading [rad], at a speed `v` [m/s]."""
+    """Return the sideslip at the speed `v` [m/s]: course of the rear axle minus heading of the tractor [rad]."""
     return (mean[BETA] if mean.size > BETA else 0.0) - modelled_crab(mean, v, side)
 
 
 @jit
 def modelled_crab(mean: Vector, v: float, side: SideLoad) -> float:
-    """Return the crab angle [rad], positive to the right, modelled from side force and curvature at `v` [m/s]."""
+    """Return the sideslip modelled from side force and curvature at `v` [m/s], as a crab angle to the right [rad]."""
     return float(mean[C] * _stretched(v, side)[0] + mean[D] * side.bend * _moving(v)[0])
 
 
 @jit
 def _stretched(v: float, side: SideLoad) -> tuple[float, float]:
-    """Return the specific side force times tyre softening [m/s2], and its derivative with respect to speed [1/s]."""
+    """Return the specific side force times tyre softening [m/s2], and its derivative by speed [1/s]."""
     force = v * v * side.bend + side.gravity
     ratio = force / GRAVITY
     square = SOFTENING * (ratio * ratio)
@@ -126,7 +126,7 @@ def _stretched(v: float, side: SideLoad) -> tuple[float, float]:
 
 @jit
 def course(mean: Vector, side: SideLoad) -> float:
-    """Return the course, the direction of motion of the rear-axle point R [rad]."""
+    """Return the course [rad]: the direction of motion of the rear-axle point R."""
     return float(mean[PSI] + sideslip(mean, mean[V], side))
 
 
@@ -147,7 +147,7 @@ def course_slopes(mean: Vector, side: SideLoad) -> Vector:
 
 @jit
 def _moving(v: float) -> tuple[float, float]:
-    """Return the weight of the curvature [-], which decreases below the speed `SLOW`, and its derivative [s/m]."""
+    """Return the weight of the curvature [-], which decreases to 0 below the speed `SLOW`, and its derivative [s/m]."""
     square = v * v + SLOW * SLOW
     return v * v / square, 2 * v * SLOW * SLOW / (square * square)
 
@@ -168,7 +168,7 @@ def propagate_mean(mean: Vector, side: SideLoad, dt: float, decay: float) -> Vec
 
 @jit
 def transition(mean: Vector, side: SideLoad, dt: float, decay: float) -> Matrix:
-    """Return the derivative of `propagate_mean` with respect to the mean, shape (n, n) for a mean (n,)."""
+    """Return the Jacobian of `propagate_mean` with respect to the mean (n,), shape (n, n)."""
     v, omega = mean[V], mean[OMEGA]
     chi = course(mean, side) + 0.5 * omega * dt
     east, north = dt * cos(chi), dt * sin(chi)

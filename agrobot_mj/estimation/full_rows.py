@@ -42,14 +42,14 @@ class FixRows(NamedTuple):
     """Linearised measurements of a fix: position (two rows), velocity along and across the course, and heading."""
 
     innovation: Vector  # Measured minus expected values, shape (5,)
-    jacobian: Matrix  # Derivatives with respect to the states, shape (5, n)
+    jacobian: Matrix  # Derivatives of the expected values with respect to the states, shape (5, n)
     variance: Vector  # Variances of the measurement noise, shape (5,)
     position_nis: float  # Normalised innovation squared (NIS) of the position [-]
     velocity_nis: float  # Normalised innovation squared (NIS) of the velocity [-]
 
 
 class FixNumbers(NamedTuple):
-    """Fix of the rear-axle point R, with the lever arm and the variances of its measurements."""
+    """Fix converted to the rear-axle point R, with the antenna's lever arm and the measurement variances."""
 
     x: float  # East position of the rear-axle point R [m]
     y: float  # North position of the rear-axle point R [m]
@@ -64,7 +64,7 @@ class FixNumbers(NamedTuple):
 
 
 class MotionReadings(NamedTuple):
-    """Measurements of the motion; a missing measurement is NaN."""
+    """Measurements of the tractor motion in one tick; a missing measurement is NaN."""
 
     steer: float = nan  # Measured steering angle [rad]
     gyro: float = nan  # Yaw rate measured by the gyro [rad/s]
@@ -86,11 +86,11 @@ class MotionNoise(NamedTuple):
 
 @jit
 def motion_rows(mean: Vector, m: MotionReadings, noise: MotionNoise, y: Vector, H: Matrix, R: Matrix) -> int:
-    """Write the rows of steering angle, gyro, wheel speed and standstill into y, H and R; return the number of rows.
+    """Write the rows of steering angle, gyro, wheel speed and standstill to innovation y, Jacobian H and covariance R.
 
-    The steering angle does not correct the speed, because the front tyres slip. The derivatives with respect to the
-    wheel scale use the low-pass filtered speed. Due to the noise of v, speed and scale would otherwise appear to be
-    separately observable during a loss of fixes.
+    The result is the number of rows. The steering angle does not correct the speed, because the front tyres slip. The
+    derivatives with respect to the wheel scale use the low-pass filtered speed. Due to the noise of v, speed and scale
+    would otherwise appear to be separately observable during a loss of fixes.
     """
     v, omega, k = mean[V], mean[OMEGA], 0
     if isfinite(m.steer):
@@ -140,7 +140,7 @@ def fix_rows(mean: Vector, P: Matrix, fix: FixNumbers, noise: FixNoise, side: Si
 
 @jit
 def _squared_innovation(a: int, y: Vector, H: Matrix, R: Vector, P: Matrix) -> float:
-    """Return the normalised innovation squared of the rows `a` and `a` + 1; `P` (n, n) is the state covariance."""
+    """Return the NIS [-] of the two rows `a` and `a` + 1; `P` (n, n) is the covariance of the states."""
     s_aa, s_ab, s_bb = R[a], 0.0, R[a + 1]
     for i in range(P.shape[0]):
         if H[a, i] == 0.0 and H[a + 1, i] == 0.0:
@@ -178,5 +178,5 @@ def corrected(
 
 @jit
 def no_fix(n: int) -> FixRows:
-    """Return the measurement rows of a missing fix, for a filter with `n` states."""
+    """Return measurement rows that stand for a missing fix, for a filter with `n` states."""
     return FixRows(np.zeros(5), np.zeros((5, n)), np.ones(5), nan, nan)

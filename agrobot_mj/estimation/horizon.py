@@ -48,9 +48,9 @@ value for a maximum receiver latency of 5 s, plus a margin."""
 
 
 class Horizon(NamedTuple):
-    """Filter state at the newest fix, the measurements since then, and previous filter states."""
+    """State of the filter at the newest fix, the measurements since then, and earlier states of the filter."""
 
-    held: "Held[FullNumbers]"  # State with the filter state at the time of the newest fix
+    held: "Held[FullNumbers]"  # Numbers whose `core` is the filter state at the time of the newest fix
     seen_t: float = -1.0  # Time of the newest fix [s]
     waiting: Matrix = np.zeros((0, 8))  # Measurements newer than `core`, oldest first: rows of `Inputs`, shape (n, 8)
     history: "tuple[tuple[tuple[Held[FullNumbers], float, Matrix], ...], ...]" = ((),)
@@ -63,7 +63,7 @@ class Horizon(NamedTuple):
         return fetched(self.held).core
 
     def back(self, ticks: int) -> "Horizon":
-        """Return the horizon of at least `ticks` ticks earlier, with all later measurements queued again."""
+        """Return the horizon at least `ticks` ticks earlier, with all later measurements in the queue again."""
         if ticks <= 0:
             return self
         before, seen_t, waiting, history = *self[:3], [tick for block in self.history for tick in block]
@@ -74,7 +74,7 @@ class Horizon(NamedTuple):
         return Horizon(state, seen_t, waiting, (tuple(history),))
 
     def after(self, state: "Held[FullNumbers]", ticks: int) -> "Horizon":
-        """Return the horizon with the new `state`, whose core has used the first `ticks` rows of the queue."""
+        """Return the horizon with the new `state`, whose filter has used the first `ticks` rows of the queue."""
         seen_t, queue = _progress(state)
         *blocks, last = self.history[-1 - HISTORY_TICKS // BLOCK_TICKS :]
         if len(last) >= BLOCK_TICKS:
@@ -83,7 +83,8 @@ class Horizon(NamedTuple):
         return Horizon(state, seen_t, queue[ticks:], (*blocks, last))
 
     def at(self, t: float, fix: Fix, dt: float) -> "tuple[Horizon, int, Fix]":
-        """Return the horizon rewound for a fix that arrives at `t` [s], the number of ticks up to the fix, and the fix.
+        """Return the horizon rewound for a fix received at `t` [s], the number of queued ticks up to the fix, and the
+        fix.
 
         The fix is NaN if it is older than the last fix or the history.
         """
@@ -118,14 +119,14 @@ class Present(NamedTuple):
 
 
 class Waiting(NamedTuple):
-    """Measurements for the filter in one tick."""
+    """Measurements that the filter has not used before the current tick."""
 
     rows: Matrix  # Measurements before this tick that the filter has not used, shape (n, 8), as in `Horizon.waiting`
     ticks: int  # Number of measurements, including the measurement of this tick, that the filter uses in this tick
 
 
 class FullNumbers(NamedTuple):
-    """Numbers of the estimator `EkfFull` that change in each tick."""
+    """State of the estimator `EkfFull` that changes in each tick, as numbers for compiled kernels."""
 
     core: Core  # Filter state
     queue: Matrix  # Waiting measurements of the last tick, followed by its own measurement, shape (n, 8)
@@ -145,7 +146,7 @@ def estimated(
 ) -> tuple[Held[FullNumbers], Held[Estimate], Vector]:
     """Return the new state, the estimate, and the values of the columns of `EkfFull` at the end of a tick.
 
-    The core advances by the first `ticks` measurements of the queue; the fix corrects the last of these ticks.
+    The filter advances by the first `ticks` measurements of the queue; the fix corrects the last of these ticks.
     """
     s, (waiting, ticks), state = fetched(s), fetched(w), fetched(state)
     core, tilt, health = state.core, state.tilt, state.health
@@ -196,7 +197,10 @@ def _inputs(queue: Matrix, k: int) -> Inputs:
 
 @jit
 def present(core: Core, levels: FullLevels, waiting: Matrix, last: Inputs, dt: float) -> Present:
-    """Return the current estimate by dead reckoning over the queue; the side force is computed from `last`."""
+    """Return the current motion by dead reckoning with the queued measurements `waiting` (n, 8).
+
+    The newest measurements `last` determine the side force.
+    """
     mean, bend, ticks = core.mean, core.smooth.bend, waiting.shape[0]
     x, y, psi, v, omega = mean[X], mean[Y], mean[PSI], mean[V], mean[OMEGA]
     gain_v = steady_gain(levels.walks[3], levels.wheel_sigma, dt)

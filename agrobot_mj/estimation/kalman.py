@@ -25,7 +25,7 @@ def tick(x: Array, P: Array, F: Array, Q: Array, y: Array | None, H: Array, R: A
 def filterpy_kf(
     x: Array, P: Array, F: Array, Q: Array, y: Array | None, H: Array, R: Array
 ) -> tuple[Array, Array, float]:
-    """Return the result of `tick`, computed by `KalmanFilter` of filterpy."""
+    """Return the result of the function `tick`, computed by the class `KalmanFilter` of filterpy."""
     from filterpy.kalman import KalmanFilter
 
     kf = KalmanFilter(dim_x=len(x), dim_z=len(H))
@@ -39,7 +39,7 @@ def filterpy_kf(
 def filterpy_ekf(
     x: Array, P: Array, F: Array, Q: Array, y: Array | None, H: Array, R: Array
 ) -> tuple[Array, Array, float]:
-    """Return the result of `tick`, computed by `ExtendedKalmanFilter` of filterpy."""
+    """Return the result of the function `tick`, computed by the class `ExtendedKalmanFilter` of filterpy."""
     from filterpy.kalman import ExtendedKalmanFilter
 
     kf = ExtendedKalmanFilter(dim_x=len(x), dim_z=len(H))
@@ -50,7 +50,7 @@ def filterpy_ekf(
 
 
 class Filter:
-    """Base class of filters without internal state; all copies of an estimator state can share one filter."""
+    """Base class of filters without internal state, so that all copies of an estimator state share one filter."""
 
     tick: Step = staticmethod(tick)
     """Kalman filter step: the compiled `tick` or a filterpy step."""

@@ -21,7 +21,7 @@ def offset(arm: tuple[float, float, float], roll: float, pitch: float, yaw: floa
 
 
 class Lever(NamedTuple):
-    """Lever arm: horizontal offset of the antenna from the rear-axle point R, and rate of change of the offset."""
+    """Lever arm of the antenna: horizontal offset from the rear-axle point R, and rate of change of the offset."""
 
     offset: tuple[float, float]
     """East and north offset of the antenna from the rear-axle point R [m], or NaN before the first tick."""
@@ -44,6 +44,6 @@ kernel_method("after")
 
 @shared
 def at_foot(fix: Fix, lever: Lever) -> Fix:
-    """Return the fix with position and velocity converted from the antenna to the rear-axle point R."""
+    """Return the fix converted from the antenna to the rear-axle point R, in position and velocity."""
     (east, north), (v_e, v_n) = lever
     return Fix(fix.x - east, fix.y - north, fix.vx - v_e, fix.vy - v_n, fix.t, fix.z, fix.heading)

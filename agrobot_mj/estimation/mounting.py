@@ -36,7 +36,7 @@ MOVING = 0.5  # Minimum speed for a valid course [m/s]. Assumed value, fifteen t
 
 @jit
 def with_crab(core: Core, fix: Fix, side: SideLoad, dt: float) -> Crab:
-    """Return the mean unmodelled sideslip updated by a fix of the rear axle, `dt` [s] after the previous fix."""
+    """Return the mean unmodelled sideslip after a fix of the rear axle, `dt` [s] after the previous fix."""
     v = core.mean[V]
     if core.mean.size == N or core.search.active or abs(v) < MOVING or not isfinite(fix.heading):
         return core.crab
@@ -58,7 +58,10 @@ def implausible(crab: Crab, bend: float) -> bool:
 
 @jit
 def with_mounting(mean: Vector, covariance: Matrix, crab: Crab, bend: float) -> tuple[Vector, Matrix, Crab]:
-    """Return the mean, covariance and sideslip; implausible, steady unmodelled sideslip becomes the mounting error."""
+    """Attribute an implausible but steady unmodelled sideslip to the mounting error of the antennas.
+
+    Return the mean, the covariance and the remaining unmodelled sideslip.
+    """
     if crab.time < WINDOW_S or not implausible(crab, bend):
         return mean, covariance, crab
     spread = min(STEADY * abs(crab.mean), SPREAD)

@@ -38,7 +38,7 @@ class PoseSettings(NamedTuple):
     cg: tuple[float, float, float]  # Position of the CG relative to the rear-axle point R: ahead, left and up [m]
     antenna: tuple[float, float, float]  # Position of the antenna relative to the rear-axle point R in vehicle axes [m]
     wheelbase: float  # Wheelbase L [m]
-    source: int  # Number of `yaw_rate_source` in `SOURCES`
+    source: int  # Index of `yaw_rate_source` in `SOURCES`
     tilts: bool  # Whether measured roll and pitch are used (terrain compensation)
     turns: bool  # Whether the velocity estimate rotates with the yaw
     swing_filter_s: float
@@ -74,10 +74,10 @@ class Prepared(NamedTuple):
     """Inputs of the pose filter for one tick."""
 
     fix: Fix  # Fix of the rear-axle point R, or NaN if there is no fix
-    sigma: float  # Standard deviation of its position [m]
+    sigma: float  # Standard deviation of the position of the fix [m]
     lever: Lever
     motion: Vector
-    motion_covariance: Matrix  # New value of `PoseState.motion_covariance`, like `lever` and `motion`
+    motion_covariance: Matrix  # New value of `PoseState.motion_covariance`; `lever` and `motion` are also new values
     speed: float  # Velocity along the estimated heading [m/s]
 
 
@@ -85,7 +85,7 @@ class Prepared(NamedTuple):
 def measured(
     s: PoseSettings, state: PoseState, m: Readings, fix: Fix, quality: int, bias: float, dt: float
 ) -> tuple[Prepared, Matrix]:
-    """Return the inputs of the velocity filter, and the noise covariance of the fix, shape (4, 4)."""
+    """Return the inputs of the velocity filter, and the noise covariance (4, 4) of the fix (x, vx, y, vy)."""
     sigma, v = s.sigmas[0] if quality == FIXED else s.sigmas[1], s.sigmas[2]
     lever, noise = state.lever, np.zeros((4, 4))
     if s.tilts and isfinite(m.roll + m.pitch):
@@ -106,7 +106,7 @@ def prepared(
 ) -> Prepared:
     """Update the velocity filter and return the inputs of the pose filter.
 
-    `bias` is the steering bias [rad]. The fix is NaN if missing.
+    `bias` is the steering bias [rad]. A missing fix is NaN.
     """
     now, noise = measured(s, state, m, fix, quality, bias, dt)
     motion, P = velocity_step(s.velocity_walk, now.motion, now.motion_covariance, now.fix, noise, dt)
@@ -118,7 +118,7 @@ def finished(
     s: PoseSettings, state: PoseState, now: Prepared, found: tuple[Vector, Matrix, float], m: Readings, bias: float,
     dt: float,
 ) -> tuple[PoseState, Estimate]:  # fmt: skip
-    """Return state and estimate from the result `found` of the pose filter. `bias` [rad] is NaN if not estimated."""
+    """Return state and estimate from the result `found` of the pose filter; an unknown steering `bias` [rad] is NaN."""
     pose, P, nis = found
     x, y, psi = pose[0], pose[1], pose[2]
     keep = exp(-dt / s.yaw_rate_filter_s) if s.yaw_rate_filter_s > 0.0 else 0.0
@@ -145,16 +145,19 @@ def finished(
 
 @jit
 def along(yaw: float, motion: Vector) -> float:
-    """Return the component of the estimated velocity along the heading [m/s]."""
+    """Return the component of the estimated velocity along the heading `yaw` [rad], in m/s."""
     return float(motion[1] * cos(yaw) + motion[3] * sin(yaw))
 
 
 class PoseEstimator(CompiledEstimator):
-    """Base class of estimators with velocity filter and pose filter; subclasses define `pose_filter` and `beliefs`."""
+    """Base class of estimators with velocity filter and pose filter.
+
+    Subclasses define `pose_filter` and, for additional states, `beliefs`.
+    """
 
     sized: ClassVar = {"yaw_walk_deg_rt_s": {"length": -1}}
     compiled: ClassVar[Any] = None
-    """Compiled function for a tick, or None if the filters are evaluated in Python."""
+    """Compiled function that computes a tick, or None if the filters are evaluated in Python."""
 
     backend: Literal["compiled", "filterpy"] = "compiled"
     """Implementation of both Kalman filters: `compiled`, or the classes of the package `filterpy`."""
@@ -202,7 +205,7 @@ class PoseEstimator(CompiledEstimator):
         raise NotImplementedError
 
     def beliefs(self) -> tuple[Array, Array]:
-        """Return initial means and standard deviations of the states after x, y and yaw, each of shape (n - 3,)."""
+        """Return initial means and standard deviations of the n - 3 additional states that follow x, y and yaw."""
         return np.empty(0), np.empty(0)
 
     def steer_bias(self, pose: Array) -> float | None:
@@ -255,11 +258,11 @@ class PoseEstimator(CompiledEstimator):
         return self.backend == "compiled" and is_compiled(self, "updated", "pose_filter", "steer_bias")
 
     def linked(self, state: EstimatorState) -> Linked:
-        """Return the compiled estimator for compiled ticks."""
+        """Return the function and data for ticks in compiled code."""
         return Linked(self.compiled, state.settings, state.numbers, state.law)
 
     def resumed(self, state: EstimatorState, found: Held[PoseState], shown: Vector) -> EstimatorState:
-        """Return the state after compiled ticks from their last state `found`."""
+        """Return the state of the estimator after compiled ticks; `found` is their last state."""
         return state._replace(numbers=found)
 
     def updated(self, state: EstimatorState, measurement: Measurement, dt: float) -> tuple[Any, Held[Estimate]]:

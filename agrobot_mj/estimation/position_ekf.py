@@ -14,13 +14,13 @@ Inputs = tuple[float, float, float]  # Speed [m/s], steering angle [rad] and dt 
 
 
 class Linearised(NamedTuple):
-    """Linearised model of a pose filter with n states in one tick."""
+    """Motion and measurement model of a pose filter with n states, linearised for one tick."""
 
     x: Vector  # Predicted mean, shape (n,)
     F: Matrix  # Transition, shape (n, n)
     Q: Matrix  # Process noise, shape (n, n)
     H: Matrix  # Jacobian of the position of a fix, shape (2, n)
-    R: Matrix  # Noise of this position [m2], shape (2, 2)
+    R: Matrix  # Noise covariance of the position of a fix [m2], shape (2, 2)
 
 
 @jit

@@ -19,7 +19,7 @@ MEMORY_S = 60.0
 
 
 class SidewaysNoise(NamedTuple):
-    """State of the estimator of the random course variation."""
+    """Running estimate of the random course variation, updated with each fix."""
 
     residual: float = 0.0  # Low-pass filtered cross-course innovation, divided by the speed [rad]
     excess: float = 0.0  # Mean square of the filtered innovation minus its value for white noise [rad2]
@@ -38,5 +38,5 @@ kernel_method("after")
 
 @shared
 def density(sway: SidewaysNoise) -> float:
-    """Return the density of the white noise that is equivalent to the course variation [rad2 s]."""
+    """Return the density of the white noise that has the same effect as the course variation [rad2 s]."""
     return 2.0 * LOW_PASS_S * max(0.0, sway.excess)

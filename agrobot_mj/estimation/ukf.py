@@ -2,7 +2,7 @@
 
 State, motion model, measurement and noise are the same as in `ekf`. Scaled sigma points [Merwe2004] replace the
 Jacobian, so that the predicted mean includes the effect of a large yaw variance after a long time without fixes. Mean
-and covariance agree with those of `ekf` for a small standard deviation of the yaw.
+and covariance agree with the results of `ekf` for a small standard deviation of the yaw.
 """
 
 from math import nan, radians
@@ -21,7 +21,7 @@ GAUSSIAN = 2.0  # Parameter beta of the sigma points for a normal distribution [
 
 
 class PoseUkf(PoseEkf):
-    """Unscented pose filter for given wheelbase [m], process noise and spread of the sigma points."""
+    """Unscented pose filter for a given wheelbase [m], process noise and spread of the sigma points."""
 
     def __init__(self, wheelbase: float, position_walk: float, yaw_walk: float, spread: float) -> None:
         super().__init__(wheelbase, position_walk, yaw_walk)
@@ -30,7 +30,7 @@ class PoseUkf(PoseEkf):
     def step(
         self, mean: Array, covariance: Array, inputs: tuple[float, float, float], fix: Fix | None, sigma: float
     ) -> tuple[Array, Array, float]:
-        """Return the mean (3,), covariance (3, 3) and normalised innovation squared (NIS); see `FixEkf.step`."""
+        """Return the mean (3,), covariance (3, 3) and NIS [-] after a tick, corrected by a fix; see `FixEkf.step`."""
         from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
         speed, steer, dt = inputs
@@ -60,7 +60,7 @@ class Ukf(PoseEstimator):
     0.1-1)."""
 
     def pose_filter(self, tractor: TractorParameters) -> PoseUkf:
-        """Return the unscented pose filter. Raise `ScenarioError` if filterpy is not installed."""
+        """Return the unscented pose filter for a `tractor`. Raises `ScenarioError` if filterpy is not installed."""
         required("filterpy", "filters", 'estimator.kind = "ukf"')
         walks = self.position_walk_m_rt_s, radians(self.yaw_walk_deg_rt_s)
         return PoseUkf(tractor.wheelbase_m, *walks, self.sigma_point_spread)

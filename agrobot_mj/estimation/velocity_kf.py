@@ -36,7 +36,7 @@ def process_noise(velocity_walk: float, dt: float) -> Matrix:
 
 @jit
 def turned(mean: Vector, covariance: Matrix, angle: float) -> tuple[Vector, Matrix]:
-    """Return the mean (4,) and covariance (4, 4) with the velocity rotated to the left by `angle` [rad]."""
+    """Return the mean (4,) and covariance (4, 4) after rotating the velocity to the left by `angle` [rad]."""
     M = np.eye(4)
     M[1, 1] = M[3, 3] = cos(angle)
     M[3, 1], M[1, 3] = sin(angle), -sin(angle)

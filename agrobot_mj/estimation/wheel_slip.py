@@ -20,7 +20,7 @@ SIGNIFICANT = 9.0
 
 
 class WheelSlip(NamedTuple):
-    """State of the estimator of the wheel-slip variation."""
+    """Running estimate of the variation of the wheel slip, updated in each tick."""
 
     residual: float = 0.0  # Low-pass filtered difference between wheel speed and fix speed, divided by the speed [-]
     change: float = 0.0  # Current variance rate of the random walk of the wheel slip [1/s]

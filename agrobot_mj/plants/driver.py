@@ -121,7 +121,8 @@ def acceleration(plant: Any, drive: Drive, begin: float, end: float, grade: floa
 
 
 def track_course() -> Callable[[Truth], float]:
-    """Return a PI controller of the antenna's course (due east), from the true state to the steering angle [rad]."""
+    """Return a controller that keeps the antenna's course due east: a function from true state to steering angle
+    [rad]."""
     total, gain, per_second = 0.0, 1.5, 0.5
 
     def rule(truth: Truth) -> float:

@@ -32,7 +32,7 @@ class GyroValues(NamedTuple):
 
 @jit
 def gyro_rate(p: GyroLaw, s: GyroValues, streams: tuple[int, int], motion: SensedMotion) -> tuple[GyroValues, float]:
-    """Return the new state and the measured rate [rad/s] about the vertical, or about the chassis z axis."""
+    """Return the new state and the measured rate [rad/s] about the vertical or, if `p.body`, the chassis z axis."""
     walk = s.walk + p.step * normal(streams[1])
     error = p.bias + walk + p.sigma * normal(streams[0])
     rate = motion.body_rates[2] if p.body else motion.yaw_rate

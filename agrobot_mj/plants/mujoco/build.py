@@ -185,7 +185,7 @@ class Built(NamedTuple):
 
 
 Payloads = Sequence[tuple[int, tuple[PointMass, ...]]]
-"""Sets of point masses on the chassis. Each set has the index of the fault that adds the masses at its start or end."""
+"""Sets of point masses on the chassis. Each set has the index of the fault whose start or end applies the set."""
 
 
 def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1, payloads: Payloads = ()) -> Built:

@@ -241,8 +241,7 @@ class MujocoPlant(RunningPlant):
         )
 
     def resume(self, truth: Held[Truth], motion: TractorMotion, clear: bool, ticks: int) -> None:
-        """Store the results of compiled ticks: true state, motion, whether the chassis is clear of the ground, and tick
-        number."""
+        """Store the results of compiled ticks: true state, motion, ground clearance, and number of ticks."""
         self.seen, self.motion, self.clear, self.ticks = truth, motion, clear, ticks
         self._trouble = self._found_trouble()
 

@@ -114,8 +114,7 @@ class RecentMotion:
 
     @property
     def gone(self) -> bool:
-        """Whether the tractor has moved at least `GONE_M` east or north, in either sign, or its motion is not
-        finite."""
+        """Whether the tractor is `GONE_M` or more from its start along the x or y axis, or its motion is not finite."""
         return not float(np.abs(self.place[:2] - self.begin).max()) < GONE_M
 
     @property
