@@ -1,5 +1,5 @@
-"""Viewer layout of a recording: tabs by subject, time axes of the complete run, and a camera that follows the
-tractor."""
+"""Layout of the Rerun viewer for a recording: tabs by subject, time axes of the complete run, and a following
+camera."""
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -48,12 +48,13 @@ TILT = 0.1
 COLUMNS, MOST_PLOTS = 3, 12
 """Number of plot columns and maximum number of plots on a tab. Additional plots are on further tabs."""
 LANE, LANES_BESIDES, MOST_LANES = 0.053, 0.075, 0.5
-"""Fractions of the tab height [-]: one lane of the state view, this view without lanes, and its maximum height."""
+"""Fractions of the tab height [-]: height of one lane in the state view, height of the view without lanes, and maximum
+height of the view."""
 NAMES = "world/names"  # Entity of the name labels in 3D. The top view hides them, because they would overlap.
 
 
 class Shown(NamedTuple):
-    """Plots, maps and view parameters that determine the layout of a recording."""
+    """Plots, heat maps and view parameters that determine the viewer layout of a recording."""
 
     plots: Sequence[Plot]
     maps: Sequence[Map] = ()  # Heat maps of the neural network
@@ -95,7 +96,7 @@ def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blue
 
 
 def layout(scene: rrb.Vertical, beside: rrb.Vertical, *tabs: rrb.Vertical) -> rrb.Blueprint:
-    """Return a layout with the scene and the plots `beside` on the first tab, further `tabs`, and a text tab."""
+    """Return a viewer layout: scene and plots `beside` on the first tab, further `tabs`, and a tab with texts."""
     drive = rrb.Horizontal(scene, beside, column_shares=[3, 2], name="Drive")
     told = rrb.TextDocumentView(origin="info", name="Run")
     words = rrb.Horizontal(told, rrb.TextDocumentView(origin="scenario", name="Scenario, resolved"), name="Info")
@@ -115,7 +116,8 @@ def _of(plots: Sequence[Plot], starts: tuple[str, ...]) -> list[Plot]:
 def stacked(
     plots: Sequence[tuple[Plot, Frame]], end_s: float, below: Sequence[tuple[rrb.View, float]] = ()
 ) -> rrb.Vertical:
-    """Return a column of plots above the views `below`, which are pairs of a view and its fraction of the height."""
+    """Return a column of plots above the views `below`. Each item of `below` is a view and its fraction of the
+    height."""
     heights = np.array([pixels(frame.values) for _, frame in plots])
     shares = (1 - sum(share for _, share in below)) * heights / heights.sum()
     views = [plot_view(plot, end_s, frame, share) for (plot, frame), share in zip(plots, shares, strict=True)]
@@ -132,7 +134,7 @@ def _beside(plots: Sequence[tuple[Plot, Frame]], shown: Shown, end_s: float) -> 
 
 
 def aligned(plots: Sequence[tuple[Plot, Frame]]) -> list[tuple[Plot, Frame]]:
-    """Return the plots with equal time axes. If one plot reserves space for its legend, all plots reserve the same
+    """Return the plots with equal time axes: if one plot reserves space for its legend, all plots reserve this
     space."""
     room = max((frame.room for _, frame in plots), default=0.0)
     if not room:
@@ -178,7 +180,8 @@ def _seconds(t: float) -> rr.TimeRangeBoundary:
 
 
 def plot_view(plot: Plot, end_s: float, frame: Frame, share: float) -> rrb.TimeSeriesView:
-    """Return the view of a plot whose height is the fraction `share` of the tab. A single series has no legend."""
+    """Return the viewer's view of a plot, whose height is the fraction `share` of the tab. A single line has no
+    legend."""
     axis = whole_run(end_s, frame.room)
     shown = frame.values
     cut = f"; clipped, maximum {shown.beyond:.4g}" if shown and shown.beyond is not None else ""

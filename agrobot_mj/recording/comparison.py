@@ -59,18 +59,18 @@ class RecordedRun(NamedTuple):
     above: int  # Number of tracks drawn above the track of this run, or 0 for the run with the opaque tractor
 
     values: dict[str, Array]
-    """Plotted signals in plot units, by plot path in `COMPARED`."""
+    """Plotted signals in the units of their plots, by the path of the plot in `COMPARED`."""
 
     @property
     def place(self) -> str:
-        """Rerun entity path of the tractor."""
+        """Rerun entity path of the tractor of this run."""
         return f"world/{self.entity}"
 
 
 def write_comparison(named: Sequence[tuple[str, Log]], path: Path) -> None:
-    """Write a recording of named runs to `path`, on the ground of the first run. Raise OSError if writing fails.
+    """Write a recording of several runs, given as pairs (name, log), to `path`. Raises OSError if writing fails.
 
-    No recording is written if Rerun is disabled.
+    The ground is the ground of the first run. No recording is written if Rerun is disabled.
     """
     last = len(named) - 1
     entities = safe_names(name for name, _ in named)
@@ -158,7 +158,7 @@ def _send_track(stream: rr.RecordingStream, run: RecordedRun, times: Times) -> N
 
 
 def _send_plot(stream: rr.RecordingStream, plot: Plot, runs: Sequence[RecordedRun]) -> list[tuple[Plot, Frame]]:
-    """Send one line of a plot for each run. Return the plot with its axes, or an empty list if no run has the
+    """Send one line of a plot for each run; return the plot with its axes, or an empty list if no run has the
     signal."""
     having = [run for run in runs if plot.path in run.values]
     if not having:
@@ -183,7 +183,7 @@ def _send_plot(stream: rr.RecordingStream, plot: Plot, runs: Sequence[RecordedRu
 
 
 def _painted(geom: Geom, run: RecordedRun) -> Geom:
-    """Return a geom in the run colour. The colour of grey geoms (tyres, metal, glass) is unchanged."""
+    """Return a geom in the colour of its run. The colour of grey geoms (tyres, metal, glass) is unchanged."""
     opacity = GHOST if run.above else geom.rgba[3]
     channels = np.array(geom.rgba[:3])
     if np.ptp(channels) < PAINTED:

@@ -24,7 +24,7 @@ def describe(stream: rr.RecordingStream, name: str, scenario: Scenario) -> None:
 
 
 def tell(stream: rr.RecordingStream, text: str, entity: str = "info") -> None:
-    """Send a Markdown text to an entity."""
+    """Send a Markdown text to the Rerun entity `entity` of a recording."""
     stream.log(entity, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
 
@@ -54,7 +54,7 @@ COMPARED = ("lateral_mse", "lateral_rms", "longitudinal_rms", "xte_rms", "yaw_ra
 
 
 def compared(scenario: Scenario, runs: Sequence[tuple[str, int, Log]]) -> str:
-    """Return the Markdown text of a comparison. `runs` contains (name, colour 0xRRGGBBAA, log) of each run."""
+    """Return the Markdown text of a comparison; `runs` contains name, colour 0xRRGGBBAA and log of each run."""
     shown = [name for name in COMPARED if any(log.metrics[name] is not None for *_, log in runs)]
     heads = ("run", "colour", "outcome", *(f"{name} [{unit_of(name)}]" for name in shown))
     rows = [

@@ -42,7 +42,7 @@ class Recording:
         self.path, self.live = path, live
 
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
-        """Open the file and send the static content. Raise OSError if the file cannot be written."""
+        """Open the recording and send its static content. Raises OSError if the file cannot be written."""
         self.scenario, self._filled, self.rows = scenario, rows, copy(rows)  # the copy is constant while it is sent
         self._thread = ThreadPoolExecutor(1, "recording")
         self._sending = self._thread.submit(self._start, scenario, scene, self.rows)
@@ -76,13 +76,14 @@ class Recording:
             raise OSError(errno.ENOSPC, "there is no space for a recording", str(self.path))
 
     def advance(self, first: int) -> None:
-        """Send the log rows from `first` to `rows.filled` after the previous rows have been written."""
+        """Send the log rows from `first` to `rows.filled` in a separate thread, after the previous rows have been
+        sent."""
         self.wait()
         if self.rows.filled > first and self.recording:
             self._sending = self._thread.submit(self._send_rows, first)
 
     def wait(self) -> None:
-        """Wait until the previous rows have been written, and raise errors of their writing."""
+        """Wait until the previous rows have been sent, and raise the error if sending them has failed."""
         self._sending.result()
         self.rows.filled = self._filled.filled
 

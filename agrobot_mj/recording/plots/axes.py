@@ -48,7 +48,7 @@ class Range(NamedTuple):
 
     low: float
     high: float
-    beyond: float | None = None  # Maximum of the values if the axis ends below it, otherwise None
+    beyond: float | None = None  # Maximum of the values if the axis is clipped below this maximum, otherwise None
 
 
 class Frame(NamedTuple):
@@ -82,7 +82,7 @@ def frame(t: Array, numbers: Array, plot: Plot, beside: bool) -> Frame:
 
 
 def legend_size(names: Sequence[str], of: tuple[float, float] = PLOT_PIXELS) -> tuple[float, float]:
-    """Return the width and height of a legend with `names`, divided by the plot width and height in `of` [pixels]."""
+    """Return width and height of a legend with `names`, divided by width and height `of` the plot [pixels]."""
     (width, character, height, line), most = LEGEND_PIXELS, max(map(len, names), default=0)
     return (width + character * most) / of[0], (height + line * len(names)) / of[1]
 

@@ -30,7 +30,7 @@ class Series(NamedTuple):
     """Line of a plot: log column, label and style."""
 
     label: str
-    column: str  # Column of the log, or key of the result of `derived`
+    column: str  # Column of the log, or key in the result of `derived`
     colour: int  # Colour as 0xRRGGBBAA
     sign: float = 1.0
     wider: int = 0  # Number of steps by which the line is wider than normal
@@ -62,7 +62,7 @@ class Plot(NamedTuple):
 
     @property
     def names(self) -> list[str]:
-        """Labels of the series."""
+        """Labels of the lines of the plot."""
         return [series.label for series in self.series]
 
 
@@ -146,7 +146,7 @@ NEGATED = ("tau_n",)  # Columns plotted with the opposite sign in a comparison
 
 
 SHOWN_IN = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "N": "kN", "Pa": "bar", "m3/s": "l/min"}
-"""Plot units of log columns outside the catalogue, by log unit."""
+"""Units in which log columns outside the catalogue are plotted, by the unit in the log."""
 REPORTED = "reported/"  # Path prefix of the plots of log columns that are not listed in the catalogue
 
 
@@ -169,7 +169,8 @@ def _title(column: Column) -> str:
 
 
 def derived(rows: Rows, first: int) -> dict[str, Array]:
-    """Return the estimation errors and their 3 sigma bounds in SI units, for the log rows from `first`."""
+    """Return the estimation errors and their 3 sigma bounds in the log rows from `first`, in SI units, by signal
+    name."""
 
     def of(name: str) -> Array:
         return rows.column(name, first)
@@ -186,5 +187,5 @@ def derived(rows: Rows, first: int) -> dict[str, Array]:
 
 
 def shown_by(plot: Plot, known: Mapping[str, object]) -> bool:
-    """Return whether `known` contains all columns of a plot."""
+    """Return whether all columns of a plot are keys of `known`."""
     return all(series.column in known for series in plot.series)

@@ -36,12 +36,12 @@ MOST_LINES = 18  # Maximum number of lines of a plot. For larger networks, evenl
 EVERY_TICKS = 5  # Number of ticks between heat maps, and between points of the parameter plots. Both vary slowly.
 MOST_LABELS = 64  # Maximum number of cells of a heat map whose values are shown as text
 BESIDE, ABOVE = 0.2, 0.2
-"""Distances of the names of the fuzzy sets from the heat map: to its left [fraction of its width], and above it
+"""Distances of the names of the fuzzy sets from a heat map: left of the map [fraction of its width], and above the map
 [fraction of its height]."""
 MOST_SHARE = 1e3  # Normalised firing strength above which the network has diverged and heat maps are omitted [-]
 PICTURE, LABELS = rr.DepthImage.descriptor_buffer(), rr.Points2D.descriptor_labels()
 INPUTS = {"1": "deg/s", "2": "deg/s2"}
-"""Units of both network inputs: the yaw-rate error and its derivative."""
+"""Units of the two network inputs: x1 is the yaw-rate error, and x2 is its derivative."""
 
 
 class Map(NamedTuple):
@@ -106,7 +106,7 @@ def family(start: str, columns: Sequence[str]) -> list[str]:
 
 
 def network_columns(columns: Sequence[str]) -> list[str]:
-    """Return the network columns of a log, or an empty list for a run without a network."""
+    """Return the names of the network columns among the log `columns`, or an empty list for a run without a network."""
     if not family("c1", columns):
         return []
     starts = ("c1", "c2", "d1_lower", "d1_upper", "d2_lower", "d2_upper", "f", "w_lower", "w_upper")
@@ -114,7 +114,7 @@ def network_columns(columns: Sequence[str]) -> list[str]:
 
 
 class Firing:
-    """Recorder of heat maps of rule firing strengths."""
+    """Recorder that sends heat maps of the rule firing strengths to a recording."""
 
     def __init__(self, rows: Rows) -> None:
         self.rows, columns = rows, rows.columns
@@ -131,7 +131,7 @@ class Firing:
         ]
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send a heat map for every fifth log row from `first` to `rows.filled`. `times` (n,) are the times of the
+        """Send a heat map for every fifth log row from `first` to `rows.filled`; `times` (n,) are the times of the
         rows."""
         chosen = np.flatnonzero((first + np.arange(len(times))) % EVERY_TICKS == 0)
         for shown in self.maps:

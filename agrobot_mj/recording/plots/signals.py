@@ -43,10 +43,10 @@ class _Lines(NamedTuple):
 
 
 class Signals:
-    """Recorder of plots from blocks of log rows."""
+    """Recorder that sends the plotted signals to a recording, in blocks of log rows."""
 
     def __init__(self, rows: Rows, more: Sequence[Plot] = (), without: Collection[str] = ()) -> None:
-        """Select the catalogue plots, and the plots `more`, whose columns are logged. Omit the columns `without`."""
+        """Select the catalogue plots and the plots `more` whose columns are logged; omit the columns `without`."""
         self.rows, self.shown = rows, list[Plot]()
         known = {name: k for k, name in enumerate((*rows.columns, *derived(rows, 0)))}
         self.lines = [
@@ -78,7 +78,7 @@ class Signals:
             _send(stream, plot.entity, clocks[which], table[:, columns][there] * factors)
 
     def finish(self, stream: rr.RecordingStream) -> dict[str, Frame]:
-        """Send the moving means of noisy series. Return the axes of all plots with varying values, by plot path."""
+        """Send the moving means of noisy signals; return the axes of all plots with varying values, by plot path."""
         found, t, width = dict[str, Frame](), self.rows.column("t"), len(self.rows.columns)
         with np.errstate(over="ignore", invalid="ignore"):
             further = list(derived(self.rows, 0).values())

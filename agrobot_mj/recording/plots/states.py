@@ -41,7 +41,7 @@ class Lane(NamedTuple):
         return rows.column(self.column, first)
 
     def label(self, value: int) -> str:
-        """Return the label of a state value."""
+        """Return the label of the state `value`, or `unknown` for a missing or undefined state."""
         return self.labels[value] if 0 <= value < len(self.labels) else UNKNOWN
 
 
@@ -66,7 +66,7 @@ RUN = Lane("run", (RUNNING, *ENDS), (PLAIN, *ENDS.values()))
 
 
 def by_subject(faults: Sequence[Scripted]) -> dict[str, tuple[Scripted, ...]]:
-    """Return the faults grouped by the affected component (subject). Each group has one lane."""
+    """Return the faults grouped by the component that they affect (subject); each group has one lane."""
     subjects = dict.fromkeys(fault.subject for fault in faults)
     return {subject: tuple(fault for fault in faults if fault.subject == subject) for subject in subjects}
 
@@ -77,7 +77,7 @@ def under(faults: Sequence[Scripted], t: Array) -> "np.ndarray[tuple[int, ...], 
 
 
 class States:
-    """Recorder of state lanes, which sends each change of a state."""
+    """Recorder that sends each change of a state to the lane of the state."""
 
     def __init__(self, rows: Rows, faults: Sequence[Scripted]) -> None:
         scripted = [
@@ -93,7 +93,7 @@ class States:
         return len(self.lanes) + 1
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the state changes in the log rows from `first` to `rows.filled`. `times` (n,) are the times of the
+        """Send the state changes in the log rows from `first` to `rows.filled`; `times` (n,) are the times of the
         rows."""
         if first == 0:
             stream.log(RUN.entity, _style(RUN), static=True)

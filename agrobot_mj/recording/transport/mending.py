@@ -15,7 +15,8 @@ from pathlib import Path
 from agrobot_mj.recording.transport.viewer import RERUN
 
 FOOTER, FOOTER_END = b"RRF2FOOT", 32
-"""Marker in the footer of a complete recording, and length of the end of the file that contains the marker [bytes]."""
+"""Marker in the footer of a complete recording, and size of the last part of the file that contains the marker
+[bytes]."""
 
 
 def ends_well(path: Path) -> bool:

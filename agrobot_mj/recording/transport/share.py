@@ -65,9 +65,9 @@ if (typeof DecompressionStream === "undefined") {
 
 
 def write_shared(recording: Path, page: Path, title: str, facts: str, poster: Path | None = None) -> Path:
-    """Write an HTML page with a recording, and return its path.
+    """Write an HTML page that contains a recording and the viewer, and return the path of the page.
 
-    `poster` is a PNG image that is shown until the viewer has started.
+    `facts` is a line of text below the title, and `poster` is a PNG image that is shown until the viewer has started.
     """
     files = viewer_files()
     with whole(recording) as readable:

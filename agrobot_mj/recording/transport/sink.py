@@ -52,8 +52,8 @@ class Sink:
                 raise OSError(errno.EIO, str(error), str(path)) from None
 
     def flush(self) -> bool:
-        """Write all logged data. If the file cannot grow, print a message to stderr and return False, otherwise return
-        True."""
+        """Write all logged data and return True. If the file cannot grow, print a message to stderr and return
+        False."""
         try:
             self.stream.flush(timeout_sec=PATIENCE_S)
         except RuntimeError:
@@ -108,7 +108,7 @@ def _make(path: Path) -> None:
 
 
 def enabled(stream: rr.RecordingStream, path: Path | None) -> bool:
-    """Return whether Rerun is enabled. The environment variable `RERUN` may disable it.
+    """Return whether Rerun is enabled; the environment variable `RERUN` can disable Rerun.
 
     If Rerun is disabled, print one message to stderr and delete an earlier recording at `path`.
     """

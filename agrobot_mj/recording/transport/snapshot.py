@@ -44,11 +44,11 @@ REMEDY = "on Debian and Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1"
 
 
 class SnapshotError(Exception):
-    """Error that prevents rendering. The message names the file and the fix."""
+    """Error that prevents rendering of a recording. The message names the file and the fix."""
 
 
 class _LateError(Exception):
-    """Temporary failure of the viewer, after which rendering is repeated."""
+    """Temporary failure of the viewer, after which the rendering is repeated with longer time limits."""
 
 
 def snapshots(
@@ -180,8 +180,8 @@ def _end(viewer: ViewerClient) -> float:
 
 
 def common_palette(frames: Sequence[Image.Image]) -> Image.Image:
-    """Return one colour palette for all frames of an animation, computed from about ten evenly spaced frames including
-    the last."""
+    """Return one colour palette for all frames of an animation, from about ten evenly spaced frames and the last
+    frame."""
     some = frames[:: -max(len(frames) // 10, 1)]
     still = Image.new("RGB", (some[0].width, sum(frame.height for frame in some)))
     for k, frame in enumerate(some):

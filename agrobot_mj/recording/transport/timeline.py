@@ -19,12 +19,12 @@ def nanoseconds(t: Array) -> Times:
 
 
 def send(stream: rr.RecordingStream, entity: str, times: Times, columns: Iterable[rr.ComponentColumn]) -> None:
-    """Send data columns to an entity at the times `times` (n,)."""
+    """Send data columns to the entity `entity` of a recording, with values at the times `times` (n,)."""
     stream.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=times)], columns)
 
 
 def partitioned(descriptor: rr.ComponentDescriptor, batch: rr.ComponentBatchLike, size: int = 1) -> rr.ComponentColumn:
-    """Return a column with `size` instances of a component at each time.
+    """Return a data column with `size` values of a Rerun component at each time.
 
     The method `columns` of a Rerun archetype returns the same column, but takes four times as long.
     """

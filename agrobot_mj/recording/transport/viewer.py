@@ -17,8 +17,10 @@ from agrobot_mj.core.interrupts import held_back
 
 
 def _launched() -> tuple[str, ...]:
-    """Return the command that starts Rerun. On Linux the command starts the binary directly, so that the system can end
-    the binary together with its parent process."""
+    """Return the command that starts Rerun.
+
+    On Linux the command starts the binary directly, so that the system can end the binary together with its parent.
+    """
     spec = find_spec("rerun_cli")
     program = Path(spec.origin).with_name("rerun") if spec and spec.origin else None
     if sys.platform.startswith("linux") and program and program.is_file() and "RERUN_CLI_PATH" not in os.environ:
@@ -41,7 +43,7 @@ def view(file: Path) -> int:
 
 
 def serve(file: Path) -> int:
-    """Serve a recording to browsers on this computer until interrupted. Return the exit status of the server."""
+    """Serve a recording to browsers on this computer until interrupted; return the exit status of the server."""
     port, web = free_port(), free_port()
     data = quote(f"rerun+http://127.0.0.1:{port}/proxy", safe="")
     print(f"http://127.0.0.1:{web}?url={data}&theme=dark (press Ctrl-C to end)", flush=True)
@@ -99,7 +101,8 @@ def free_port() -> int:
 
 
 def open_viewer() -> bool:
-    """Start a viewer that continues after the run. Return whether it accepts connections within PATIENCE_S."""
+    """Start a viewer that stays open after the run; return whether the viewer accepts connections within
+    `PATIENCE_S`."""
     quiet = subprocess.DEVNULL  # the viewer must not keep a pipe of the run open
     viewer = subprocess.Popen(COMMAND, stdout=quiet, stderr=quiet, start_new_session=True)
     deadline = time.monotonic() + PATIENCE_S

@@ -27,7 +27,7 @@ QUIET_TICKS = 40  # Number of ticks without saturated steering after which the n
 
 
 class Events:
-    """Recorder of event markers."""
+    """Recorder that sends event markers to a recording."""
 
     def __init__(self, rows: Rows, ground: Ground, faults: Sequence[Scripted], size: float) -> None:
         self.rows, self.ground, self.faults, self.size = rows, ground, by_subject(faults), size

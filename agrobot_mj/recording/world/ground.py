@@ -27,8 +27,8 @@ MOST_VERTICES = 60_000
 """Maximum number of vertices of subdivided tiles. A vertex requires 52 bytes, including normal and triangles."""
 FINEST_M = 0.1  # Minimum distance between vertices on relief [m]: about 7 per furrow of 0.75 m
 SMOOTH_M = 0.004
-"""Maximum deviation of the relief in a tile from straight lines along x or y [m] for which the tile is not subdivided
-along this axis."""
+"""Maximum deviation of the relief from a straight line along x or y within a tile [m], up to which the tile has no
+vertices in this direction."""
 BORDER_M = 0.25  # Distance between vertices at borders of patches [m]
 BLEND_M = 0.35  # Half width of the strip in which the colours of two patches are blended, to avoid jagged borders [m]
 CORRIDOR_M = 4.0
@@ -143,8 +143,7 @@ def _field(ground: Ground, path: Array) -> _Field:
 
 
 def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Mask, Steps]:
-    """Return a mask of the tiles to subdivide, shape (rows, columns), and the number of segments per tile in x and
-    y."""
+    """Return a mask (rows, columns) of the tiles to subdivide, and the number of segments of these tiles in x and y."""
     if ground.is_plane and not ground.surface.friction.size:
         return np.zeros((field.rows, field.columns), dtype=bool), (1, 1)
     from scipy.spatial import cKDTree  # slow import (0.2 s), needed only for uneven ground
@@ -187,7 +186,8 @@ def _straight(ground: Ground, field: _Field, tiles: Index, most: int) -> tuple[b
 
 
 def _bordered(surface: Surface, field: _Field, tiles: Index) -> Mask:
-    """Return a mask (n,) of the `tiles` (n, 2) that, with a margin for blending colours, contain several soil types."""
+    """Return a mask (n,) of the `tiles` (n, 2) that contain several soil types, including a margin for blending
+    colours."""
     friction, cone_index = properties(surface, *field.points(tiles, (9, 9), BLEND_M))
     found: Mask = (np.ptp(friction, axis=(1, 2)) > 0) | (np.ptp(cone_index, axis=(1, 2)) > 0)
     return found

@@ -29,13 +29,13 @@ THICKNESS_M, REACH_M = 1e-3, 0.2
 
 
 class Belief:
-    """Recorder of the uncertainty ellipses of the estimated position, one per tick."""
+    """Recorder that sends an uncertainty ellipse of the estimated position in each tick."""
 
     def __init__(self, rows: Rows, ground: Ground) -> None:
         self.rows, self.ground = rows, ground
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the ellipses of the log rows from `first`. `times` (n,) are the times of the rows."""
+        """Send the ellipses of the log rows from `first`; `times` (n,) are the times of the rows."""
         if first == 0:
             style = rr.Ellipsoids3D.from_fields(colors=COLOUR, line_radii=WIDTH, fill_mode=FillMode.MajorWireframe)
             stream.log(BELIEF, style, static=True)
@@ -80,7 +80,7 @@ PLACE, ATTITUDE = rr.Transform3D.descriptor_translation(), rr.Transform3D.descri
 
 
 class BodyMotion:
-    """Recorder of all moving content of the scene, up to the first invalid pose."""
+    """Recorder that sends all moving content of the scene, up to the first invalid pose."""
 
     def __init__(self, rows: Rows, scene: Scene, ground: Ground, scenario: Scenario, reference: Array) -> None:
         self.rows, self.scene, self.ground, self.last = rows, scene, ground, -1

@@ -19,7 +19,8 @@ AHEAD_M, BEHIND_M, LAST_M = 1.9, (1.3, 2.0), 3.4
 """Distances of labels from the default tractor [m]: reference label ahead, labels of true and estimated track behind,
 and reference label behind at the end of the path."""
 IN_VIEW = 0.7
-"""Drawing scale divided by the distance of the farthest body [1/m], for legible labels in a view of all bodies."""
+"""Drawing scale divided by the distance of the farthest body [1/m], so that labels are legible in a view of all
+bodies."""
 EVERY_TICKS = 2  # Number of ticks between recorded positions of a name
 
 
@@ -51,15 +52,17 @@ class TrackNames:
 
 
 def size_in_view(size: float, places: Array) -> float:
-    """Return the drawing scale (tractor size divided by default size) for a view of bodies at `places` (n, 2) [m].
+    """Return the scale of camera and label distances, relative to the default tractor, for bodies at `places` (n, 2)
+    [m].
 
-    The first body is the tractor. The scale of camera and label distances increases with distant bodies.
+    The first body is the tractor. The scale is the size of the tractor, or larger if other bodies are distant.
     """
     return max(size, IN_VIEW * float(np.hypot(*(places - places[0]).T).max()))
 
 
 def name_points(stream: rr.RecordingStream, entity: str, labels: Sequence[str], colours: Sequence[int]) -> None:
-    """Send the texts and colours of labels. `move_points` sends their positions."""
+    """Send the texts and colours of labels to `entity`. The function `move_points` sends the positions of the
+    labels."""
     nothing = rr.Radius.ui_points(0.0)
     shown = np.array(colours, dtype=np.uint32)
     style = rr.Points3D.from_fields(labels=labels, colors=shown, radii=nothing, show_labels=True)

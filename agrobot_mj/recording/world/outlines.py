@@ -13,7 +13,7 @@ WIDTH = rr.Radius.ui_points(1.0)  # Line width of outlines on the screen
 
 
 def send_outlines(stream: rr.RecordingStream, ground: Ground, name: str, rings: Sequence[Array], colour: int) -> None:
-    """Send the closed lines `rings`, shape (n, 2) [m] each, as the entity `world/areas/name` in the colour
+    """Send closed lines `rings`, each with the shape (n, 2) [m], as entity `world/areas/<name>` in the colour
     0xRRGGBBAA."""
     lines = [on_ground(ground, ring, LIFT_M) for ring in rings]
     stream.log(f"world/areas/{name}", rr.LineStrips3D(lines, colors=colour, radii=WIDTH), static=True)

@@ -23,7 +23,8 @@ SHALLOW, DEEP, DEEP_M = np.array([120.0, 104.0, 70.0]), np.array([54.0, 36.0, 22
 
 
 def send_ruts(stream: rr.RecordingStream, ruts: RutMap, ground: Ground, t: Array, wheels: Array) -> None:
-    """Send the rut map `ruts`. `wheels` (n, 4, 2) [m] are the wheel positions at the times `t` (n,) [s]."""
+    """Send the rut map `ruts` to a recording; `wheels` (n, 4, 2) [m] are the wheel positions at the times `t` (n,)
+    [s]."""
     if not ruts.x.size:
         return
     squares, side = _squares(ruts)
@@ -35,7 +36,8 @@ def send_ruts(stream: rr.RecordingStream, ruts: RutMap, ground: Ground, t: Array
 
 
 def _squares(ruts: RutMap) -> tuple[Array, float]:
-    """Return centre and mean depth of the drawn squares, shape (n, 3) [m], and their side length [m]."""
+    """Return the centres and mean depths of the drawn squares, shape (n, 3) [m], and the side length of a square
+    [m]."""
     side = ruts.cell * max(1, round(DRAWN_M / ruts.cell))
     while True:
         keys = np.stack([np.floor(ruts.x / side), np.floor(ruts.y / side)], axis=1).astype(np.int64)

@@ -31,7 +31,7 @@ PATH_STEP_M, ROUGH_PATH_STEP_M, MOST_PATH_POINTS = 0.25, 0.1, 20_000
 
 
 def send_scene(stream: rr.RecordingStream, scene: Scene, ground: Ground, reference: Array) -> None:
-    """Send the static content of the scene. `reference` (n, 3) [m] is the result of `reference_line`."""
+    """Send the static content of the scene; `reference` (n, 3) [m] is the reference path from `reference_line`."""
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     stream.log("world/ground", ground_mesh(ground, reference[:, :2]), static=True)
     lines = contour_lines(smooth_corners(ground, reference[:, :2]), 0.0 if ground.is_plane else ROUGH_LIFT_M)
@@ -56,8 +56,8 @@ SHAPES = {"box": "boxes", "cylinder": "cylinders", "capsule": "capsules"}
 
 
 def shapes(geoms: Sequence[Geom]) -> dict[str, rr.AsComponents]:
-    """Return the geoms as Rerun shapes by entity name. Geoms of the same type are one shape; each mesh is a separate
-    shape."""
+    """Return the geoms as Rerun shapes by entity name: one shape for all geoms of a type, and one shape for each
+    mesh."""
     batches: dict[str, list[Geom]] = {}
     meshes = [geom for geom in geoms if geom.mesh is not None]
     for geom in geoms:

@@ -52,13 +52,13 @@ TRACKS = (
 
 
 class Tracks:
-    """Recorder of the tracks of the tractor and of the GNSS fixes."""
+    """Recorder that sends the tracks of the tractor and the GNSS fixes to a recording."""
 
     def __init__(self, rows: Rows, ground: Ground) -> None:
         self.rows, self.ground = rows, ground
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the track segments and GNSS fixes of the log rows from `first`. `times` (n,) are the times of the
+        """Send the track segments and GNSS fixes of the log rows from `first`; `times` (n,) are the times of the
         rows."""
         ends = piece_ends(len(times))
         for track in TRACKS:
@@ -70,7 +70,7 @@ class Tracks:
         self._send_fixes(stream, times[ends - 1], first, ends)
 
     def _strips(self, track: DrawnTrack, first: int, ends: Index) -> pa.Array:
-        """Return the track segments that end before the log rows `first + ends`. Each segment continues the previous
+        """Return the track segments that end before the log rows `first + ends`; each segment continues the previous
         segment."""
         before = min(first, 1)
         x, y = (self.rows.column(name, first - before)[: before + ends[-1]] for name in (track.x, track.y))

@@ -27,7 +27,7 @@ SLIP_COLOURS = ((0.02, 0x4A3F2BFF), (0.12, rgba(ORANGE)), (0.3, 0xE02010FF))
 
 
 class Trail:
-    """Recorder of tyre marks."""
+    """Recorder that sends tyre marks to a recording."""
 
     def __init__(self, wheels: Wheels, ticks: int) -> None:
         self.wheels, self.sent = wheels, 0
@@ -35,7 +35,8 @@ class Trail:
         self.step = STEP_TICKS if wheels.ground.is_plane else ROUGH_STEP_TICKS
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the segments of tyre marks that end at or after log row `first`. `times` (n,) are the row times."""
+        """Send the tyre mark segments that end at or after the log row `first`; `times` (n,) are the times of the
+        rows."""
         if first == 0:
             stream.log(ENTITY, rr.Mesh3D.from_fields(triangle_indices=self._triangles()), static=True)
         ends = np.arange(self.sent + self.piece, first + len(times), self.piece)
@@ -58,8 +59,8 @@ class Trail:
         send(stream, ENTITY, times, columns.partition(np.full(len(ends), count)))
 
     def marks(self, at: Index) -> tuple[Array, Array]:
-        """Return the left and right edges of the marks at log rows `at`, shape (n, 4, 2, 3) [m], and the edge colours,
-        shape (n, 4, 2)."""
+        """Return the left and right edges of the marks at n log rows `at`, shape (n, 4, 2, 3) [m], and their colours
+        (n, 4, 2)."""
         contacts, report = self.wheels.contacts(at), self.wheels.report
         width = np.where(report("load", at) > 0, self.wheels.half_widths, 0.0)[..., None]
         edges = np.stack([contacts.patch + width * contacts.left, contacts.patch - width * contacts.left], axis=2)
@@ -69,7 +70,7 @@ class Trail:
         return flat.astype(np.float32), np.repeat(ramp(SLIP_COLOURS, slip)[..., None], 2, axis=2)
 
     def _triangles(self) -> Triangles:
-        """Return the triangles of a mark segment, shape (n, 3). Vertices are ordered by cross-section, wheel and
+        """Return the triangles of a mark segment, shape (n, 3), for vertices ordered by cross-section, wheel and
         edge."""
         sections, row = self.piece // self.step, 2 * len(WHEELS)
         left = row * np.arange(sections)[:, None] + 2 * np.arange(len(WHEELS))

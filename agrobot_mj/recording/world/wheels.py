@@ -22,7 +22,8 @@ REACH_M = 0.01  # Half of the distance over which ground slopes are computed [m]
 
 
 class WheelContacts(NamedTuple):
-    """Contact points and axes of the wheels fl, fr, rl, rr at n times, as world-frame vectors of shape (n, 4, 3)."""
+    """Contact points and axes of the wheels fl, fr, rl, rr at n times, as vectors in world axes with the shape (n, 4,
+    3)."""
 
     patch: Array  # Lowest point of the wheel plane (central plane of the tyre) [m]
     forward: Array  # Rolling direction, parallel to the ground
@@ -47,7 +48,7 @@ class Wheels:
         return contacts(self.ground, self.rows.poses[np.ix_(at, self.bodies)], self.radii)
 
     def report(self, quantity: str, at: Index) -> Array:
-        """Return a logged wheel quantity in the rows `at` (n,), shape (n, 4)."""
+        """Return the logged quantity `quantity` of the four wheels in the rows `at` (n,), shape (n, 4)."""
         columns = np.array([self.rows.columns.index(f"{quantity}_{wheel}") for wheel in WHEELS])
         found: Array = self.rows.values[np.ix_(at, columns)]
         return found
@@ -86,7 +87,7 @@ UNKNOWN_USE = 0.0
 
 
 class Forces:
-    """Recorder of the wheel forces of each tick as arrows."""
+    """Recorder that sends the forces on the wheels in each tick as arrows."""
 
     def __init__(self, wheels: Wheels, tractor: TractorParameters) -> None:
         self.wheels, self.size = wheels, tractor.size
@@ -106,8 +107,10 @@ class Forces:
         send(stream, LOADS, times, rr.Arrows3D.columns(origins=posts, vectors=up).partition(counts))
 
     def arrows(self, at: Index) -> tuple[Array, Array, Array, Array]:
-        """Return origins and vectors of the arrows in log rows `at`: ground forces, then wheel loads. All four
-        arrays have the shape (n, 4, 3) [m]."""
+        """Return origins and vectors of the arrows in the log rows `at` (n,): first ground forces, then wheel loads.
+
+        All four arrays have the shape (n, 4, 3) [m].
+        """
         contacts = self.wheels.contacts(at)
         fx, fy, load = (np.nan_to_num(self.wheels.report(name, at))[..., None] for name in ("fx", "fy", "load"))
         along = fx * contacts.forward + fy * contacts.left
