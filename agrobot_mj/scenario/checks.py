@@ -12,15 +12,18 @@ from agrobot_mj.paths.base import start_of
 from agrobot_mj.scenario.tables import LONGEST_S, Tables
 
 MOST_ASIDE_M_S2 = 8.0
-"""Maximum plausible lateral acceleration [m/s2]. Assumed value: a friction coefficient of 0.8, above that of tyres."""
+"""Maximum plausible lateral acceleration [m/s2]. Assumed value for a friction coefficient of 0.8, which tyres do not
+reach."""
 FAR_M = 2000.0
-"""Distance from the ground above which a path is probably in map coordinates [m]. Assumed value, above field size."""
+"""Distance from the ground above which a path is probably in map coordinates [m]. Assumed value, larger than a
+field."""
 
 
 def check_files(scenario: Tables, source: str, ground: bool = True) -> None:
-    """Build the path and the ground from their files, and check that they suit each other and the tractor.
+    """Check the path, the ground and other files of a scenario, and their suitability for the tractor.
 
-    Without `ground` only the path is checked. Raises `ScenarioError` with all errors; `source` names the scenario.
+    If `ground` is false, the ground is not checked. Raises `ScenarioError` with all errors; `source` names the
+    scenario.
     """
     with without_exit():
         try:
@@ -78,7 +81,7 @@ def _are_spans(turns: Any) -> bool:
 
 
 def equipment_errors(s: Tables) -> Iterator[str]:
-    """Yield error messages about missing implements and missing files of learned values."""
+    """Yield an error message for each missing implement and for each missing file of learned tables."""
     for table, part in (("guidance", s.guidance), ("steering.loop", s.steering.loop)):
         try:
             part.check()

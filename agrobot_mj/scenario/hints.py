@@ -30,9 +30,10 @@ from agrobot_mj.scenario.schema import Scenario, on_machine
 from agrobot_mj.sensors.suite import LINES
 
 SENSORS = {**{line: sensor for line, (sensor, _) in LINES.items()}, "heading": "gnss.dual_antenna"}
-"""Key of each sensor in `[sensors]`, by name of its signal line."""
+"""Key of the sensor in the table `[sensors]`, by name of the signal line of the sensor."""
 OTHER_LAP = 0.02
-"""Relative difference of the lap lengths of learned table and path above which a hint is given [-]. Assumed value."""
+"""Relative difference between the lap lengths of a learned table and of the path, above which a hint is given [-].
+Assumed value."""
 
 
 def hints(scenario: Scenario) -> list[str]:
@@ -94,8 +95,10 @@ def _learned(scenario: Scenario) -> Iterator[str]:
 
 
 LEAVES_M = 0.15
-"""Minimum lateral offset after a change of curvature for which a hint is given [m]. Assumed value; guidance laws
-without preview deviate by about twice the minimum offset."""
+"""Minimum lateral offset after a change of curvature for which a hint is given [m].
+
+Assumed value; guidance laws without preview deviate by about twice the minimum offset.
+"""
 MOST_LOCK = 0.9  # Fraction of the steering limit above which a bend leaves no margin for control [-]. Assumed value.
 EDGE_M = 0.5
 """Distance from the edge of the ground below which a hint is given [m]. Assumed value for deviations from the path."""
@@ -103,7 +106,7 @@ WIDEST = 100.0  # Maximum factor by which the search for a feasible radius incre
 
 
 class Change(NamedTuple):
-    """Change of curvature along the path."""
+    """Change of the curvature at a place along the path."""
 
     begin: float  # Curvature before the change [1/m]
     end: float  # Curvature after the change [1/m]
@@ -112,7 +115,8 @@ class Change(NamedTuple):
     place: tuple[float, float]  # Position of the change (east, north) [m]
 
     def late(self, tractor: TractorParameters, rate: float) -> float:
-        """Return the delay [s] with which the wheels complete the change at the steering rate `rate` [rad/s]."""
+        """Return the time by which the wheels complete the change later than the path [s], at the steering rate `rate`
+        [rad/s]."""
         turned = abs(tractor.steering_for(self.end) - tractor.steering_for(self.begin))
         return max(turned / rate - self.takes, 0.0)
 

@@ -22,7 +22,10 @@ TABLES = ("tractor", "implement", "steering", "driveline", "sensors", "estimator
 
 
 def machine_file(name: str) -> tuple[Path, int, int, int] | None:
-    """Return path, times and size of a machine file (default: None). Raises `ScenarioError` for a missing file."""
+    """Return path, modification time, status-change time and size of a machine file, or None for the default machine.
+
+    Raises `ScenarioError` for a missing file.
+    """
     if name == COMPACT:
         return None
     shipped = machine_files()
@@ -46,7 +49,7 @@ def machine_tables(path: Path) -> dict[str, Any]:
 
 TYRE_KEYS = ("pressure_bar", "stiffness_n_m", "damping_n_s_m")
 SPRINGS = tuple(f"{end}_tyre_{what}" for end in ("front", "rear") for what in TYRE_KEYS)
-"""Tyre keys that affect the height of the tractor body."""
+"""Keys of `[tractor]` for the tyres, which affect the height of the tractor body."""
 EXACT = 1e-6  # Maximum relative difference between a given value and the value from the body file [-]
 
 

@@ -37,7 +37,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def json_text(data: Mapping[str, Any], source: str) -> bytes:
-    """Convert a mapping to JSON, in which tuples become lists. Raises `ScenarioError` for invalid values."""
+    """Return a mapping as JSON text in bytes; tuples become lists. Raises `ScenarioError` for invalid values."""
     try:
         return json.dumps(data, default=_as_plain, ensure_ascii=False).encode()
     except ValueError:  # includes UnicodeEncodeError
@@ -103,7 +103,10 @@ def _item(items: list[Any], name: str, dotted: str, key: str) -> Any:
 
 
 def _kind(data: Any, tables: list[str], default: Spec) -> Any:
-    """Return the kind of the table at the key path `tables`, by default from `default`, or None if it has no kinds."""
+    """Return the kind of the table at the key path `tables`, or None for a table without kinds.
+
+    A table that does not set `kind` has the kind of `default`.
+    """
     data = deepcopy(data)
     complete(data, default)
     for name in tables:
@@ -143,7 +146,7 @@ def explicit_values(spec: Spec) -> dict[str, Any]:
 
 
 def forget(spec: Spec, own: Mapping[str, Any]) -> None:
-    """Mark only the keys in `own` as explicitly set, in a configuration and its nested tables."""
+    """Mark only the keys in `own` as explicitly set, in the configuration `spec` and its nested tables."""
     for name in list(spec.model_fields_set):
         if name not in own:
             spec.model_fields_set.discard(name)
@@ -181,7 +184,8 @@ def absolute_value(key: str, value: Any, *folders: Path) -> Any:
 
 
 def beside_copies(data: Any, folder: Path) -> None:
-    """Replace paths of missing files by files of the same name in `folder`, for example in a results folder."""
+    """Replace the paths of missing files by the paths of files with the same names in `folder`, such as a results
+    folder."""
     for table, key in naming_files(data):
         path = Path(table[key])
         if path.is_absolute() and not is_file(path) and is_file(folder / path.name):
@@ -195,7 +199,7 @@ def files(data: Any) -> list[Path]:
 
 
 def relocate_files(data: Any) -> dict[str, Path]:
-    """Replace absolute file paths in scenario data by unique file names. Return the original path of each file name."""
+    """Replace absolute file paths in scenario data by unique file names; return the original path of each file name."""
     named = [(table, key) for table, key in naming_files(data) if Path(table[key]).is_absolute()]
     found: dict[str, Path] = {}
     for other in (other for table, key in named for other in beside(key, Path(table[key]))):

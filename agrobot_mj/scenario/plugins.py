@@ -88,7 +88,8 @@ def _added(member: type[Spec], name: str | None = None) -> set[type[Spec]]:
 
 
 def _left_open(member: type[Spec]) -> list[str]:
-    """Return the names of unimplemented abstract methods and properties, or [] for a subclass of a kind."""
+    """Return the names of abstract methods and properties that a class lacks, or an empty list for a subclass of a
+    kind."""
     bases = [base for base in member.__mro__[1:] if issubclass(base, Spec) and "kind" in base.model_fields]
     if any(isinstance(base.model_fields["kind"].default, str) for base in bases):
         return []

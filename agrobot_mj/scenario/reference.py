@@ -29,7 +29,7 @@ TYPES = {
 
 
 class Doc(NamedTuple):
-    """Documentation of one key."""
+    """Documentation of one key of a scenario file."""
 
     text: str  # Description without the sentence about the source
     unit: str  # Unit in the description, or an empty string for a key without unit
@@ -60,7 +60,7 @@ def first_line(part: type[Spec], kind: str = "") -> str:
 
 
 class KnownKind(NamedTuple):
-    """Description of a kind of a table, a sensor or a metric."""
+    """Description of one kind of a table, of one sensor, or of one metric."""
 
     table: str  # Dotted key of the table that contains `kind`; `sensors` for a sensor, `metric` for a metric
     kind: str  # Value of the key `kind`, or name of the sensor or metric
@@ -90,7 +90,7 @@ def kinds_text() -> str:
 
 
 def document(place: TableClass, name: str) -> Doc:
-    """Return the documentation of the key `name` in the table class `place`."""
+    """Return the documentation of the key `name` in the table with the class `place`."""
     owner, text = place.owner, place.owner.describe(name)
     kind = _in_words(_properties(owner, owner.__pydantic_validator__)[name])
     source = SOURCE.search(text)

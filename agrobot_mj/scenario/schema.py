@@ -34,7 +34,7 @@ SAID = {"version", "name", "title", "expected_outcome", "expected_reason", "gain
 
 
 class Scenario(Tables):
-    """Description of one experiment."""
+    """Complete description of one simulated experiment."""
 
     @property
     def hash8(self) -> str:
@@ -51,11 +51,15 @@ class Scenario(Tables):
         return Identity(said, joined(file_digest(file) for file in read), *code())
 
     def to_toml(self) -> str:
-        """Return the scenario with all values as TOML. The same package version reproduces the same signals."""
+        """Return the scenario with all values, including defaults, as TOML text.
+
+        A run of this text with the same package version reproduces the same signals.
+        """
         return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True) | {"version": __version__})
 
     def portable(self) -> tuple[str, dict[str, FilePath]]:
-        """Return the scenario as TOML with file names instead of paths, and the original path of each file name."""
+        """Return the scenario as TOML text with file names instead of paths, and the original path of each file
+        name."""
         data = self.model_dump(mode="json", exclude_none=True) | {"version": __version__}
         moved = relocate_files(data)
         return tomli_w.dumps(data), moved
@@ -72,7 +76,10 @@ class Scenario(Tables):
 def resolve(
     data: dict[str, Any], source: str, overrides: Mapping[str, Any] | None = None, files: bool = True
 ) -> Scenario:
-    """Build a scenario from plain data with overrides by dotted key. `source` names the data in error messages."""
+    """Return a scenario built from plain data (nested dicts) with overrides by dotted key.
+
+    `source` names the data in error messages. If `files` is false, path and ground are not checked.
+    """
     overrides = overrides or {}
     default = on_machine(data, overrides)
     for key, value in sorted(overrides.items(), key=lambda item: item[0] != "machine"):

@@ -106,12 +106,12 @@ class Tables(Spec):
         return max(1, round(duration / TICK_S))
 
     def expects(self, outcome: str, reason: str = "") -> bool:
-        """Return whether the outcome and the reason of a run are as expected."""
+        """Return whether the outcome and the stop reason of a run are as the scenario expects."""
         return outcome == self.expected_outcome and self.expected_reason in reason
 
     @property
     def expectation(self) -> str:
-        """Expected outcome of the run as text."""
+        """Expected outcome of the run as text, with the expected stop reason in parentheses."""
         return self.expected_outcome + (f" ({self.expected_reason})" if self.expected_reason else "")
 
     @property
