@@ -32,7 +32,7 @@ FILES = ("comparison.json", "comparison.rrd", *(f"{name}.png" for name in FIGURE
 
 
 def compare(comparison: Comparison, folder: Path, jobs: int | None = None, quiet: bool = True) -> list[dict[str, Any]]:
-    """Run the missing runs of a comparison and write all results to `folder`. Return the rows of comparison.json.
+    """Simulate the missing runs of a comparison and write all results to `folder`. Return the rows of comparison.json.
 
     The row of a failed run contains no tracking errors; metrics.json of the run contains the measured values. If a run
     raised an exception, its row contains `error` and no metrics. The figures and the common recording contain the first
@@ -135,7 +135,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def legend(text: str) -> list[str]:
-    """Return one line of explanation for each numeric column of a comparison table. `text` is the table."""
+    """Return one line of explanation for each numeric column of the comparison table `text`."""
     heads = [head.strip() for head in text.partition("\n")[0].split("|")]
     shown = {head: meaning for head, meaning in MEANINGS.items() if head in heads}
     width = max(map(len, shown), default=0)

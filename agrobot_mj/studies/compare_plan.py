@@ -2,8 +2,8 @@
 
 A comparison runs each law on each plant with each seed. There are three types of laws: entries of `controllers` (with
 the guidance law of the scenario), entries of `guidance` (with each controller, if the guidance law uses one), and
-variants. A variant is a named set of overrides. If it sets [guidance] or [controller], it is a separate law. Otherwise
-it changes machine, field or path, and all laws of the first two types run with it.
+variants. A variant is a named set of overrides. A variant that sets [guidance] or [controller] is a separate law. Any
+other variant changes machine, field or path, and all laws of the first two types run with this variant.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -23,7 +23,8 @@ PLANTS = ("bicycle", "mujoco")
 CONTROLLERS = ("pd", "pd_t2fnn")
 """Default controllers of a comparison for which no controllers, guidance laws or variants are given."""
 MOST_RUNS = 2000
-"""Default maximum number of runs of a comparison. On the figure-eight, they take one to three hours on one core."""
+"""Default maximum number of runs of a comparison. On the figure-eight, 2000 runs take one to three hours on one
+core."""
 MOST_DRAWN = 24
 """Maximum number of laws in figures and in the common recording, so that their lines are distinguishable."""
 OWN_OPTIONS = {"plant": "--plants", "plant.kind": "--plants", "seed": "--seeds"}
@@ -31,7 +32,7 @@ OWN_OPTIONS = {"plant": "--plants", "plant.kind": "--plants", "seed": "--seeds"}
 
 
 class CompetingLaw(NamedTuple):
-    """Law of a comparison: one line of the comparison table."""
+    """Law of a comparison, with its name in tables and its overrides of the scenario."""
 
     name: str
     overrides: Mapping[str, Any]
@@ -50,7 +51,7 @@ class Case(NamedTuple):
 
     @property
     def controller(self) -> str | None:
-        """`kind` of the yaw controller, or None for a guidance law without a yaw controller."""
+        """Kind of the yaw controller, or None for a guidance law without a yaw controller."""
         s = self.scenario
         return s.controller.kind if _takes_controller(s) else None
 
@@ -95,7 +96,7 @@ class Comparison(SweepPlan):
         return super().task(number)._replace(keep=kept)
 
     def check(self, advance: Callable[[], object] = lambda: None) -> None:
-        """Do nothing: `plan` has already checked all runs. This overrides the check of sweeps."""
+        """Do nothing: the function `plan` has already checked all runs. This method overrides the check of sweeps."""
 
 
 def plan(

@@ -17,7 +17,8 @@ APART = 0.01  # Maximum distance between corresponding points of equal segments 
 def pieces(scenarios: Iterable[Scenario]) -> list[int]:
     """Return the path segment number of each scenario, counted from 1. Equal segments have the same number.
 
-    Runs to the end of a path cover the same segment at any speed. Runs of equal duration do so only at equal speed.
+    Runs to the end of a path cover the same segment at any speed. Runs of equal duration cover the same segment only at
+    equal speed.
     """
     known: dict[object, int] = {}
     different: list[Array] = []
@@ -55,7 +56,8 @@ def _walked(path: Path, end: float) -> tuple[Array, Array, Array]:
 
 
 def _stations(scenario: Scenario) -> Array:
-    """Return equidistant points on the path segment of a scenario, and the segment length in the last row [m]."""
+    """Return equidistant points on the path segment of a scenario, shape (n, 2), and in the last row its length, twice
+    [m]."""
     _, points, way = _walked(scenario.path, scenario.ticks * TICK_S)
     places = np.linspace(0.0, way[-1], STATIONS)
     along = np.stack([np.interp(places, way, column) for column in points.T], axis=1)

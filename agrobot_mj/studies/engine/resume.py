@@ -102,7 +102,7 @@ RunTasks = Callable[[Sequence[Task]], list[Row]]
 
 
 class RunFiles(Protocol):
-    """Interface for storing additional files of runs, such as signals and recordings."""
+    """Interface of an object that stores additional files of runs, such as signals and recordings."""
 
     def has(self, task: Task, row: Row) -> bool:
         """Return whether all required files of a run exist."""
@@ -141,7 +141,7 @@ class RowFiles:
     ) -> Generator[tuple[Task, Row, bool]]:
         """Execute the tasks without a stored row or with missing files, and the tasks whose run raised an exception.
 
-        Yield each task, its row, and whether the row existed. Existing rows are yielded first.
+        Yield each task, its row, and whether the row already existed. Existing rows are yielded first.
         """
         todo = []  # a list of the tasks could exceed the memory
         for number in numbers:
@@ -203,7 +203,7 @@ class RowFiles:
 
 
 class Study:
-    """Function object that executes tasks and stores their rows in a results folder. Stored rows are reused."""
+    """Callable object that executes tasks and stores their rows in a results folder. Stored rows are reused."""
 
     def __init__(self, folder: Path, perform: Perform) -> None:
         self.rows, self.perform, self._errors = RowFiles(folder), perform, set[str]()

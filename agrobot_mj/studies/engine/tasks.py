@@ -44,7 +44,7 @@ class Task(NamedTuple):
     keep: str = "table"
     """Files of the run to keep: a value of `SweepFile.keep`, or `poses` for signals, recording and body poses."""
     measure: Callable[[Log], Mapping[str, Any]] | None = None
-    """Function that computes additional results from the log. Worker processes must be able to import it."""
+    """Function that computes additional results from the log. Worker processes must be able to import this function."""
     branches: tuple[Branch, ...] | None = None  # Branches of the random streams, or None for a run without branches
     number: int = 0
     identity: Identity | None = None  # Identity of the row, or None if any version of the code may perform the task
@@ -56,7 +56,7 @@ class Task(NamedTuple):
 
 
 class Done(NamedTuple):
-    """Row and files of a completed task."""
+    """Result of a completed task: row of results, and files to keep."""
 
     row: Row
     files: dict[str, bytes]  # Content of the files to keep, by path relative to the folder of the run
@@ -68,7 +68,7 @@ def base_text(base: Scenario) -> str:
 
 
 def perform(task: Task) -> Done:
-    """Simulate the run of a task and return its row and files.
+    """Simulate the run of a task and return its row and its files to keep.
 
     Errors of the run are stored in the row. Other errors are raised: OSError for a full disk, exceptions of signal
     handlers, and `ScenarioError` if the code of this process differs from the code in the task identity.
@@ -141,9 +141,9 @@ def other_code(parts: Sequence[str]) -> str:
 
 
 def files_kept(keep: str, expected: bool) -> tuple[str, ...]:
-    """Return the names of the files kept for a completed run. `keep` is a value of `SweepFile.keep`, or `poses`.
+    """Return the names of the files kept for a completed run.
 
-    `expected` states whether the run ended as expected.
+    `keep` is a value of `SweepFile.keep`, or `poses`; `expected` is whether the run ended as expected.
     """
     if keep == "table" or (keep == "failures" and expected):
         return ()

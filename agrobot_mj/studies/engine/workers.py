@@ -114,7 +114,7 @@ class Pool:
 
 
 def spread(function: Callable[[Work], Result], todo: Iterable[Work], workers: int) -> Iterator[tuple[Work, Result]]:
-    """Yield each work item with its result from a temporary process pool, as `Pool.spread` does."""
+    """Yield each work item with its result, computed by a temporary pool of worker processes as in `Pool.spread`."""
     with Pool(workers) as pool:
         yield from pool.spread(function, todo)
 

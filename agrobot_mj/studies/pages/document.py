@@ -88,7 +88,7 @@ for (const [id, chart] of Object.entries(JSON.parse(recoloured))) {
 
 
 class Document:
-    """Builder of an HTML page."""
+    """Builder of a self-contained HTML page. Its methods add sections, texts, charts and tables in order."""
 
     def __init__(self, title: str, facts: Iterable[str]) -> None:
         self.title, self.charts = title, dict[str, Chart]()
@@ -102,7 +102,7 @@ class Document:
             self.text(text)
 
     def text(self, text: str) -> None:
-        """Add a paragraph."""
+        """Add a paragraph with the text `text`."""
         self.parts.append(f"<p>{escape(text)}</p>")
 
     def remarks(self, texts: Iterable[str]) -> None:

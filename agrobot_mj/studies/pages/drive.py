@@ -62,7 +62,7 @@ def thinned(*columns: Array, most: int = MOST_POINTS) -> list[Array]:
 
 
 def line(x: Array, y: Array, name: str, colour: str, **more: Any) -> Chart:
-    """Return a curve as plain chart data."""
+    """Return the curve of `y` over `x`, both (n,), as plain chart data with about `MOST_POINTS` points or fewer."""
     style = {"color": colour, "width": more.pop("width", 1.5), "dash": more.pop("dash", "solid")}
     x, y = thinned(x, y)
     return {"type": "scatter", "mode": "lines", "x": x.tolist(), "y": y.tolist(), "name": name, "line": style, **more}
@@ -204,7 +204,7 @@ def comparison_page(folder: Path) -> Document:
 
 
 def _law(row: Mapping[str, Any]) -> str:
-    """Return the law name of a row from the name of its run folder (plant-law-seed)."""
+    """Return the name of the law in a table row, taken from the name of the run folder (plant-law-seed)."""
     return str(row["folder"]).removeprefix(f"{row['plant']}-").removesuffix(f"-s{row['seed']}")
 
 

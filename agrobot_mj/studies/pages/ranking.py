@@ -34,7 +34,7 @@ class Group(NamedTuple):
 
     @property
     def rate(self) -> float:
-        """Fraction of runs that ended as expected [-]."""
+        """Success rate of the group: fraction of the runs that ended as expected [-]."""
         return sum(map(succeeded, self.rows)) / len(self.rows)
 
     @property
@@ -59,7 +59,7 @@ def ranked(groups: Iterable[Group]) -> list[Group]:
 
 
 def add_ranking(page: Document, groups: Sequence[Group], title: str, text: str, colours: Sequence[str]) -> None:
-    """Add a table of the groups, remarks, and box plots of the errors with the given colours."""
+    """Add a table of the groups, remarks, and box plots of the errors in the given colours to a page."""
     rule = "A run succeeds if it ends as the scenario expects. Errors refer to successful runs that completed."
     page.section(title, f"{rule} {text}" if text else rule)
     head = ("group", "runs", "success [%]", f"{CONFIDENCE:.0%} interval", *(f"{q} [cm]" for q in QUANTILES))

@@ -113,7 +113,10 @@ def known_reports() -> tuple[dict[str, Page | str], dict[str, list[Section]]]:
 
 
 def write_report(folder: Path, metric: str | None = None) -> list[Path]:
-    """Write the report of a results folder and return the written files. Raise `ScenarioError` if it has no results."""
+    """Write the report of a results folder and return the written files.
+
+    Raises `ScenarioError` if the folder contains no results.
+    """
     if not folder.is_dir():
         raise ScenarioError(f"{folder}: {folder_absence(folder)}")
     pages, sections = known_reports()

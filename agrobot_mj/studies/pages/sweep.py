@@ -81,14 +81,14 @@ def _differs(rows: Sequence[Row], name: str) -> bool:
 
 
 class RerunCommand:
-    """Function object that returns the command for repeating the run of a table row."""
+    """Callable object that returns the command for repeating the run of a row in the results table."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.plan = folder, SweepPlan(read_sweep(folder / "sweep.toml"))
 
     def overrides(self, row: Row) -> dict[str, Any]:
-        """Return the overrides of the base scenario for the run of a table row. Data files are given by name instead of
-        path."""
+        """Return the overrides of the base scenario for the run in a table row; data files have names instead of
+        paths."""
         overrides = self.plan.run(row["run"]).overrides
         return {key: renamed(key, value, self.plan.file_names) for key, value in overrides.items()}
 
@@ -100,11 +100,11 @@ class RerunCommand:
         return " ".join(parts)
 
     def scenario(self, row: Row) -> Scenario:
-        """Return the scenario of the run of a table row."""
+        """Return the scenario of the run in the table row `row`."""
         return self.plan.sweep.base.changed(self.plan.run(row["run"]).overrides)
 
     def signals(self, row: Row) -> Signals:
-        """Return the signals of the run of a table row. If no signals are stored, the run is repeated."""
+        """Return the signals of the run in the table row `row`. If no signals are stored, the run is repeated."""
         kept = self.folder / "runs" / f"{row['run']:08}"
         if (kept / "signals.parquet").exists():
             return read_signals(kept)
@@ -113,7 +113,7 @@ class RerunCommand:
 
 
 def toml_value(value: Any) -> str:
-    """Return a value as TOML text in one line."""
+    """Return a value as TOML text on one line."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{json.dumps(key)} = {toml_value(each)}" for key, each in value.items()) + "}"
     if isinstance(value, list | tuple):

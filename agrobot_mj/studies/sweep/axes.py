@@ -45,7 +45,7 @@ Limits = Annotated[Pair, AfterValidator(_ascending)]
 
 
 class ValueList(Spec):
-    """Base class of the values of an axis: a sequence of known length."""
+    """Base class of the value sequences of a sweep axis, which have a known length."""
 
     def __len__(self) -> int:
         raise NotImplementedError
@@ -148,7 +148,7 @@ Axis = Annotated[
 
 
 class Draw(Spec):
-    """Base class of the distributions of a random parameter."""
+    """Base class of the probability distributions of a random parameter."""
 
     def values(self, u: Array) -> list[Any]:
         """Return the quantiles of the distribution at the probabilities `u` in (0, 1), shape (n,)."""
@@ -229,5 +229,5 @@ AnyDraw = Annotated[
 
 
 def _tidy(value: float) -> float:
-    """Return a value rounded to 12 digits, which removes rounding errors: 0.3 for 0.1 * 3."""
+    """Return a value rounded to 12 significant digits, which removes rounding errors: 0.3 for 0.1 * 3."""
     return float(f"{value:.12g}")

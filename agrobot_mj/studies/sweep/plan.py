@@ -87,7 +87,7 @@ class SweepPlan:
         return " x ".join(f"{count:,} {what}" for count, what in [*counts, (len(self.sweep.seeds), "seeds")])
 
     def run(self, number: int) -> RunPlan:
-        """Return run `number`, counted from 0."""
+        """Return the plan of run `number`, counted from 0: variant, seed, parameter values and overrides."""
         combination, repeat = divmod(number, self.samples * len(self.sweep.seeds))
         seed = self.sweep.seeds[repeat % len(self.sweep.seeds)]
         row = repeat if self.file.paired else number
@@ -107,7 +107,7 @@ class SweepPlan:
         return RunPlan(number, variant.name if variant else None, seed, parameters, {**overrides, "seed": seed})
 
     def task(self, number: int) -> Task:
-        """Return the task of run `number`."""
+        """Return the task that simulates run `number`, counted from 0."""
         return Task(self.base, self.sweep.base.name, self.run(number).overrides, self.file.keep, number=number)
 
     @property

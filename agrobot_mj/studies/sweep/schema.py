@@ -63,7 +63,7 @@ class SweepFile(Spec):
     title: str = ""
     """Title in lists and reports, on one line."""
     version: str = __version__
-    """Version of agrobot_mj that wrote the file. It does not affect the sweep."""
+    """Version of agrobot_mj that wrote the file. The version does not affect the sweep."""
     seeds: Seeds = 1
     """Number of seeds, counted from the seed of the base scenario, or a list of seeds."""
     set: dict[str, Any] = Field(default_factory=dict)
@@ -225,7 +225,7 @@ def changed_values(table: dict[str, Any], change: Callable[[str, Any], Any]) -> 
 
 
 def last(key: str) -> str:
-    """Return the last part of a dotted key."""
+    """Return the last name of a dotted key."""
     return key.rpartition(".")[2]
 
 

@@ -204,8 +204,8 @@ class Store(RowFiles):
 
 
 def read_rows(folder: Path) -> list[dict[str, Any]]:
-    """Return the rows of a sweep's results table. Raise OSError, ValueError or `pa.ArrowException` if it is
-    unreadable."""
+    """Return the rows of a sweep's results table. Raises OSError, ValueError or `pa.ArrowException` for an unreadable
+    table."""
     rows: list[dict[str, Any]] = pq.read_table((folder / TABLE).absolute()).to_pylist()
     return rows
 
