@@ -95,8 +95,9 @@ def estimator_form(
 ) -> tuple[Held[Any], Held[Estimate], Vector]:
     """Define the signature of a compiled estimator. The function itself is never called.
 
-    The arguments are parameters of the estimator and of its pose filter or inputs, the state, the measurements and the
-    fix (NaN if missing). The results are the new state, the estimate, and the values of the log columns.
+    The arguments are the parameters of the estimator, the parameters of its pose filter or its waiting measurements,
+    the state, the measurements and the fix (NaN if missing). The results are the new state, the estimate, and the
+    values of the log columns.
     """
     raise NotImplementedError
 

@@ -117,8 +117,8 @@ class EkfBias(PoseEstimator):
     turning_velocity: bool = True
     """Whether the velocity estimate rotates with the yaw, so that the speed remains valid in a bend without fixes."""
     steer_bias_walk_deg_rt_s: NonNegative = 0.1
-    """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (range 0.05-0.4) for changes of 1 deg in a half
-    turn on a slope."""
+    """Random-walk coefficient of the steering bias [deg/sqrt(s)]. Assumed value (range 0.05-0.4) for changes of 1 deg
+    in a half turn on a slope."""
     initial_steer_bias_sigma_deg: NonNegative = 1.0
     """Initial standard deviation of the steering bias [deg]. Assumed value: the resolution of the potentiometer."""
     gnss_correlated_fraction: Fraction = 0.3

@@ -77,7 +77,8 @@ class EkfFull(CompiledEstimator):
     pitch_sigma_deg: NonNegative = 0.3
     """Standard deviation of the error of `pitch_deg` or of measured pitch [deg]. Assumed value, as for `pitch_deg`."""
     pitch_walk_deg_rt_s: NonNegative = 0.015
-    """Random walk of the pitch error [deg/sqrt(s)]. Assumed value for changes of 0.1 deg in a bend with ruts."""
+    """Random-walk coefficient of the pitch error [deg/sqrt(s)]. Assumed value for changes of 0.1 deg in a bend with
+    ruts."""
     gnss_sigma_m: Positive = 0.02
     """Standard deviation of RTK-fixed positions per axis in the filter [m]. Paper, section V-A."""
     gnss_correlated_fraction: Fraction = 0.3
@@ -104,44 +105,50 @@ class EkfFull(CompiledEstimator):
     rear_compliance_deg_s2_m: NonNegative = 0.7
     """Rear sideslip divided by specific side force [deg s2/m]. Assumed value (`magic_formula` 0.6-0.8, `soil` 0.5)."""
     position_walk_m_rt_s: Positive = 0.003
-    """Random walk of the position [m/sqrt(s)]. Assumed value (range 0.002-0.01) for oscillations of the antenna."""
+    """Random-walk coefficient of the position [m/sqrt(s)]. Assumed value (range 0.002-0.01) for oscillations of the
+    antenna."""
     yaw_walk_deg_rt_s: Positive = 0.012
-    """Random walk of the heading, excluding gyro noise [deg/sqrt(s)]. Assumed value (range 0.005-0.05) for errors of
-    gyro scale and tilt."""
+    """Random-walk coefficient of the heading, excluding gyro noise [deg/sqrt(s)]. Assumed value (range 0.005-0.05) for
+    errors of gyro scale and tilt."""
     speed_walk_m_s_rt_s: Positive = 0.1
-    """Random walk of the speed [m/s/sqrt(s)]. Assumed value (range 0.05-0.3) for changes of the pedal position."""
+    """Random-walk coefficient of the speed [m/s/sqrt(s)]. Assumed value (range 0.05-0.3) for changes of the pedal
+    position."""
     yaw_rate_walk_deg_s_rt_s: Positive = 3.0
-    """Random walk of the yaw rate [deg/s/sqrt(s)]. Assumed value (range 1-10) for steering at the maximum rate."""
+    """Random-walk coefficient of the yaw rate [deg/s/sqrt(s)]. Assumed value (range 1-10) for steering at the maximum
+    rate."""
     gyro_bias_walk_deg_s_rt_s: Positive = 0.002
-    """Random walk of the gyro bias [deg/s/sqrt(s)]. Assumed value, as in the sensor model."""
+    """Random-walk coefficient of the gyro bias [deg/s/sqrt(s)]. Assumed value, as in the sensor model."""
     sideslip_walk_deg_rt_s: Positive = 0.1
-    """Random walk of unmodelled sideslip with two antennas [deg/sqrt(s)]. Assumed value, as for the steering bias."""
+    """Random-walk coefficient of unmodelled sideslip with two antennas [deg/sqrt(s)]. Assumed value, as for the
+    steering bias."""
     steer_bias_walk_deg_rt_s: Positive = 0.1
-    """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (range 0.05-0.4) for changes of 1 deg in a half
-    turn on a slope."""
+    """Random-walk coefficient of the steering bias [deg/sqrt(s)]. Assumed value (range 0.05-0.4) for changes of 1 deg
+    in a half turn on a slope."""
     wheel_scale_walk_rt_s: Positive = 0.001
-    """Random walk of the relative wheel-speed error [1/sqrt(s)]. Assumed value (range 0.0005-0.003) for slip
-    changes."""
+    """Random-walk coefficient of the relative wheel-speed error [1/sqrt(s)]. Assumed value (range 0.0005-0.003) for
+    slip changes."""
     compliance_walk_deg_s2_m_rt_s: Positive = 0.005
-    """Random walk of the rear-tyre compliance [deg s2/m/sqrt(s)]. Assumed value: the compliance doubles in slides."""
+    """Random-walk coefficient of the rear-tyre compliance [deg s2/m/sqrt(s)]. Assumed value: the compliance doubles in
+    slides."""
     turn_offset_walk_m_rt_m: Positive = 0.004
-    """Random walk of the turn offset over the distance [m/sqrt(m)]. Assumed value for changes of 0.05 m between bends
-    in ruts and on tilled soil."""
+    """Random-walk coefficient of the turn offset over the distance [m/sqrt(m)]. Assumed value for changes of 0.05 m
+    between bends in ruts and on tilled soil."""
     turn_offset_m: float = -0.015
     """Turn offset [m]: distance of the rear axle ahead of the point without sideslip in a slow bend. Assumed value:
     -0.02 to -0.01 on firm ground, 0.1 with a towed load, 0.35 in deep ruts."""
     lean_slip_walk_s2_m_rt_s: NonNegative = 0.0005
-    """Random walk of the relative wheel-speed error, divided by the gravity component along the ground [s2/m/sqrt(s)].
-    Assumed value for slip that is not proportional to the slope."""
+    """Random-walk coefficient of the relative wheel-speed error, divided by the gravity component along the ground
+    [s2/m/sqrt(s)]. Assumed value for slip that is not proportional to the slope."""
     unseen_slip_walk_rt_s: NonNegative = 0.008
-    """Additional random walk of the relative wheel-speed error without fixes [1/sqrt(s)], used until fixes have
-    determined the slip variation. Assumed value: an implement with a pull of 600-1500 N enters or leaves tilled soil
-    every 45 s. Default: 0.008, or 0 if there is neither a lowered implement nor a drawbar pull."""
+    """Additional random-walk coefficient of the relative wheel-speed error without fixes [1/sqrt(s)], used until fixes
+    have determined the slip variation. Assumed value: an implement with a pull of 600-1500 N enters or leaves tilled
+    soil every 45 s. Default: 0.008, or 0 if there is neither a lowered implement nor a drawbar pull."""
     slip_s2_m: NonNegative = 0.0175
     """Wheel slip on a climb, divided by the gravity component along the ground [s2/m]. Assumed value for firm ground;
     soil causes higher values."""
     slip_walk_s2_m_rt_s: Positive = 0.0005
-    """Random walk of the wheel slip on a climb [s2/m/sqrt(s)]. Assumed value for changes of soil and load."""
+    """Random-walk coefficient of the wheel slip on a climb [s2/m/sqrt(s)]. Assumed value for changes of soil and
+    load."""
     initial_compliance_sigma_deg_s2_m: Positive = 0.09
     """Initial standard deviation of rear-tyre compliance [deg s2/m]. Assumed value for level or steep firm ground."""
     initial_turn_offset_sigma_m: Positive = 0.12

@@ -320,7 +320,8 @@ def _is_probable(gates: Gates, P: Matrix, rows: FixRows) -> bool:
 def _searched(
     f: FullFilter, mean: Vector, P: Matrix, search: Search, wheel: float, fix: Fix, side: SideLoad
 ) -> tuple[Vector, Matrix, Search]:
-    """Return mean, covariance and yaw search after a fix; a two-antenna heading ends the search at once."""
+    """Return the mean, the covariance and the state of the yaw search after a fix. A two-antenna heading ends the
+    search."""
     if isfinite(fix.heading):
         innovation = wrap(fix.heading - (mean[PSI] + mean[MOUNT]))
         mean, P = turned(mean, P, innovation, f.levels.heading_sigma)

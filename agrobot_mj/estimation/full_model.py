@@ -67,7 +67,7 @@ class FullLevels(NamedTuple):
     steer_sigma: float  # Standard deviation of the yaw rate derived from the steering angle [rad/s]
     velocity_sigma: float  # Standard deviation of the GNSS velocity per axis [m/s]
     lean_slip_walk: float = 0.001
-    """Random walk of the relative wheel-speed error, divided by the gravity component along the ground
+    """Random-walk coefficient of the relative wheel-speed error, divided by the gravity component along the ground
     [s2/m/sqrt(s)]."""
     heading_sigma: float = radians(0.25)  # Standard deviation of a two-antenna heading [rad]
     sideslip_walk: float = radians(0.1)  # Random walk of the unmodelled sideslip [rad/sqrt(s)]
@@ -111,13 +111,14 @@ def sideslip(mean: Vector, v: float, side: SideLoad) -> float:
 
 @jit
 def modelled_crab(mean: Vector, v: float, side: SideLoad) -> float:
-    """Return the sideslip modelled from side force and curvature at `v` [m/s], as a crab angle to the right [rad]."""
+    """Return the modelled crab angle [rad], positive to the right, from side force and curvature at the speed `v`
+    [m/s]."""
     return float(mean[C] * _stretched(v, side)[0] + mean[D] * side.bend * _moving(v)[0])
 
 
 @jit
 def _stretched(v: float, side: SideLoad) -> tuple[float, float]:
-    """Return the specific side force times tyre softening [m/s2], and its derivative by speed [1/s]."""
+    """Return the specific side force times tyre softening [m/s2], and its derivative with respect to speed [1/s]."""
     force = v * v * side.bend + side.gravity
     ratio = force / GRAVITY
     square = SOFTENING * (ratio * ratio)
@@ -147,7 +148,7 @@ def course_slopes(mean: Vector, side: SideLoad) -> Vector:
 
 @jit
 def _moving(v: float) -> tuple[float, float]:
-    """Return the weight of the curvature [-], which decreases to 0 below the speed `SLOW`, and its derivative [s/m]."""
+    """Return the weight of the curvature [-], 0.5 at the speed `SLOW` and 0 at standstill, and its derivative [s/m]."""
     square = v * v + SLOW * SLOW
     return v * v / square, 2 * v * SLOW * SLOW / (square * square)
 

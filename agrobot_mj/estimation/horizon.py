@@ -119,7 +119,8 @@ class Present(NamedTuple):
 
 
 class Waiting(NamedTuple):
-    """Measurements that the filter has not used before the current tick."""
+    """Measurements that the filter has not used before the current tick, and number of measurements to use in this
+    tick."""
 
     rows: Matrix  # Measurements before this tick that the filter has not used, shape (n, 8), as in `Horizon.waiting`
     ticks: int  # Number of measurements, including the measurement of this tick, that the filter uses in this tick

@@ -179,14 +179,14 @@ class PoseEstimator(CompiledEstimator):
     gnss_velocity_sigma_m_s: Positive = 0.03
     """Standard deviation of the GNSS velocity per axis in the filter [m/s]. Assumed value, as in the receiver model."""
     velocity_walk_m_s_rt_s: Positive = 0.1
-    """Random walk of the velocity per axis [m/s/sqrt(s)]. Assumed value (range 0.05-0.3) for changes of pedal position
-    and heading."""
+    """Random-walk coefficient of the velocity per axis [m/s/sqrt(s)]. Assumed value (range 0.05-0.3) for changes of
+    pedal position and heading."""
     position_walk_m_rt_s: Positive = 0.01
-    """Random walk of the EKF's position [m/sqrt(s)]. Assumed value: 0.007 for velocity noise, plus antenna
+    """Random-walk coefficient of the EKF's position [m/sqrt(s)]. Assumed value: 0.007 for velocity noise, plus antenna
     oscillation."""
     yaw_walk_deg_rt_s: Positive = 0.3
-    """Random walk of the EKF's yaw [deg/sqrt(s)]. Assumed value (range 0.1-1) for sideslip and steering errors, whose
-    effect decreases with increasing wheelbase."""
+    """Random-walk coefficient of the EKF's yaw [deg/sqrt(s)]. Assumed value (range 0.1-1) for sideslip and steering
+    errors, whose effect decreases with increasing wheelbase."""
     initial_position_sigma_m: Positive = 0.05
     """Standard deviation of the initial position [m]. Assumed value for the mean of one or two fixes."""
     initial_velocity_sigma_m_s: Positive = 1.0

@@ -1,4 +1,4 @@
-"""Interface of a running plant (simulated tractor), and division of a tick into physics steps."""
+"""Interface of a plant (simulated tractor) in a run, and division of a tick into physics steps."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
@@ -36,7 +36,7 @@ class Clock(NamedTuple):
 
     @classmethod
     def of(cls, dt: float, tick_s: float = TICK_S) -> "Clock":
-        """Return the clock for ticks of `tick_s` [s] and physics steps of `dt` [s]."""
+        """Return a clock for ticks of `tick_s` [s], each divided into physics steps of `dt` [s]."""
         return cls(dt, round(tick_s / dt))
 
 

@@ -63,7 +63,7 @@ class Bicycle(Spec):
         return 0.005
 
     def hints(self, machine: Machine, speed: float) -> Iterator[str]:
-        """Yield a message for each cornering stiffness that is implausible at the static axle load."""
+        """Yield a message for each cornering stiffness that is implausible for the static load of its axle."""
         loads = machine.tractor.front_axle_load, machine.tractor.rear_axle_load
         given = self.front_cornering_stiffness_n_rad, self.rear_cornering_stiffness_n_rad
         for axle, load, C_alpha in zip(("front", "rear"), loads, given, strict=True):
@@ -155,7 +155,8 @@ def propagate(a: Linear2, v: float, gamma: float, delta: float, t: float) -> tup
 
 @kernel
 def step(p: BicycleLaw, state: Array, u: float, delta: float, dt: float) -> None:
-    """Advance `state` (x, y, yaw, lateral velocity, yaw rate) in place by `dt` [s] at the steering angle `delta`."""
+    """Advance `state` (x, y, yaw, lateral velocity, yaw rate) in place by `dt` [s], at the speed `u` [m/s] and the
+    steering angle `delta` [rad]."""
     yaw, v, gamma = state[2], state[3], state[4]
     if abs(u) < CRAWL:
         a = lateral_dynamics(p, CRAWL)

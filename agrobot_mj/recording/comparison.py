@@ -42,8 +42,10 @@ TRACK_LIFT_M, TRACK_STEP_M = 0.03, 0.08
 TRACK_WIDTH, TRACK_WIDER = 1.1, 0.6
 """Half width of the uppermost track [pixels], and increase of the half width for each track below [pixels]."""
 PAINTED = 0.12
-"""Minimum difference between the colour channels (0-1) of a geom that is drawn in the run colour. Grey geoms stay
-grey."""
+"""Minimum difference between the maximum and minimum colour channel (0-1) of geoms drawn in the colour of the run.
+
+Geoms with a smaller difference are grey and keep their colour.
+"""
 GHOST = 0.22  # Opacity of the translucent tractors [-]
 NAME_M, NAME_STEP_M = 0.2, 0.2  # Height of the lowest name above the default tractor, and distance between names [m]
 

@@ -115,7 +115,7 @@ class Change(NamedTuple):
     place: tuple[float, float]  # Position of the change (east, north) [m]
 
     def late(self, tractor: TractorParameters, rate: float) -> float:
-        """Return the time by which the wheels complete the change later than the path [s], at the steering rate `rate`
+        """Return the delay of the wheels at the end of the change of curvature [s], at the steering rate `rate`
         [rad/s]."""
         turned = abs(tractor.steering_for(self.end) - tractor.steering_for(self.begin))
         return max(turned / rate - self.takes, 0.0)

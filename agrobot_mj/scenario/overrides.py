@@ -161,7 +161,10 @@ def _plain(value: Any) -> Any:
 
 
 def absolute_paths(data: Any, *folders: Path) -> None:
-    """Make file paths absolute, based on the first of `folders` that contains the file, or else on the last folder."""
+    """Make the file paths in scenario data absolute.
+
+    The base is the first of `folders` that contains the file, or the last of `folders` if the file is missing in all.
+    """
     others = [folder for folder in folders if folder != SCENARIOS.resolve()]
     for table, key in naming_files(data) if others else ():
         file = table[key]

@@ -44,10 +44,10 @@ WITHOUT = ": the scenario was run with plugins; add "
 
 
 def register(member: Member, name: str | None = None) -> Member:
-    """Add a class to the family of its base class; also a decorator. Raises `ScenarioError` for unsuitable classes.
+    """Add a class to the family of its base class. Raises `ScenarioError` for unsuitable classes.
 
-    A sensor becomes the table `[sensors.NAME]`. The default name is the class name in lower case with underscores. A
-    metric is evaluated in every run.
+    The function can be used as a decorator. A sensor becomes the table `[sensors.NAME]`. The default name is the class
+    name in lower case with underscores. A metric is evaluated in every run.
     """
     _rebuild(Scenario, _added(member, name), {})
     return member

@@ -1,8 +1,8 @@
 """Yaw-rate gyro, whose error consists of constant bias, random walk of the bias, and white noise.
 
 Measurements are in rad/s, keys in deg/s. The random walk has a separate random stream and starts at zero. A gyro fixed
-to the chassis measures the rate about the chassis axis. On a slope, this gyro measures the yaw rate times the cosine of
-the tilt plus parts of the roll and pitch rates.
+to the chassis measures the rate about the z axis of the chassis. On a slope, this gyro measures the yaw rate times the
+cosine of the tilt plus components of the roll and pitch rates.
 """
 
 from math import radians, sqrt

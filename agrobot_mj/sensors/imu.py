@@ -107,7 +107,8 @@ def _acceleration(last: UnitMotion, now: UnitMotion, turned: float, dt: float) -
 
 @jit
 def _known(p: ImuLaw, last: UnitMotion, now: UnitMotion, turned: float) -> tuple[float, float]:
-    """Return the acceleration [m/s2] that aiding computes, forward and to the left, or 0 without aiding."""
+    """Return the acceleration [m/s2] that aiding computes from speed and yaw rate, forward and to the left, or 0
+    without aiding."""
     if not p.aided:
         return 0.0, 0.0
     return (now.speed - last.speed) / p.dt, (now.speed + last.speed) / 2 * turned / p.dt

@@ -110,7 +110,7 @@ def plan(
 ) -> Comparison:
     """Return the checked plan of all combinations of laws, plants and seeds. The first seed is the seed of `scenario`.
 
-    Default of `plants`: for each law, all plants that can run it. Explicit `plants` must be able to run all laws. Raise
+    By default, each law runs on all plants that can run the law. Explicit `plants` must be able to run all laws. Raises
     `ScenarioError` if a run is invalid.
     """
     laws = competing(scenario, controllers, guidance, variants)

@@ -56,8 +56,8 @@ def _walked(path: Path, end: float) -> tuple[Array, Array, Array]:
 
 
 def _stations(scenario: Scenario) -> Array:
-    """Return equidistant points on the path segment of a scenario, shape (n, 2), and in the last row its length, twice
-    [m]."""
+    """Return equidistant points on the path segment of a scenario [m], shape (n, 2). The last row contains the segment
+    length twice."""
     _, points, way = _walked(scenario.path, scenario.ticks * TICK_S)
     places = np.linspace(0.0, way[-1], STATIONS)
     along = np.stack([np.interp(places, way, column) for column in points.T], axis=1)

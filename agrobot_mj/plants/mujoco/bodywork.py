@@ -62,7 +62,8 @@ class Outline(NamedTuple):
     gap: float  # Minimum distance between body and wheels [m]
     inside: float  # Half the free width between the rear wheels [m]
     narrow: float
-    """Half the free width between the steered front wheels, minus the gap [m]; negative without free width."""
+    """Half the free width between the front wheels at any steering angle, minus the gap [m]; negative without free
+    width."""
     between: tuple[float, float]
     """x coordinates of both ends of the space between the rear wheels and the steered front wheels [m]."""
     floor: float
@@ -174,7 +175,8 @@ def outline(t: TractorParameters) -> Outline:
 
 
 def _above_the_wheels(room: float, radius: float, width: float) -> float:
-    """Return the maximum height of a steered front wheel [m] at lateral distances of `room` [m] or more."""
+    """Return the maximum height of a steered front wheel [m] at lateral distances of `room` [m] or more from its
+    centre."""
     if room >= sqrt(radius**2 + (width / 2) ** 2):
         return 0.0
     chord2 = max(room, width / 2) ** 2 - (width / 2) ** 2

@@ -1,6 +1,7 @@
 """Compilation of the MuJoCo model of a scenario's tractor, with all feasibility checks.
 
-A running plant starts with `build`. Studies check their runs by calling `build` alone, without settling or kernels.
+The creation of a plant starts with `build`. Studies check their runs by calling `build` alone, without settling or
+kernels.
 
 The checks include the numerical stability of the tractor and implement; error messages name the key and its limit. The
 integration is explicit in the forces of tyres and soil. A mass m on a spring k and a damper c is then stable if 2 c dt

@@ -27,8 +27,8 @@ class Clearance(NamedTuple):
     reach: float  # Maximum distance of a part from the z axis of the chassis [m]
     normal: Vector  # Normal of the ground [-]
     level: float
-    """Coordinate of the ground along its normal [m], or infinity if bodies other than the chassis can touch the
-    ground."""
+    """Signed distance of the ground plane from the world origin along its normal [m], or infinity if bodies other than
+    the chassis can touch the ground."""
 
 
 def clearance_of(model: mujoco.MjModel) -> Clearance:

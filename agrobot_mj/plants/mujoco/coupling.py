@@ -44,7 +44,8 @@ def is_within_stops(c: Coupling, qpos: Array) -> bool:
 
 @kernel
 def set_coupled(c: Coupling, coupled: bool) -> None:
-    """Enable or disable MuJoCo's constraints between crank and knuckles. `accelerate` replaces disabled constraints."""
+    """Enable or disable MuJoCo's constraints between crank and knuckles. The function `accelerate` replaces disabled
+    constraints."""
     c.eq_active[c.rows[LEFT]] = coupled
     c.eq_active[c.rows[RIGHT]] = coupled
 

@@ -1,4 +1,4 @@
-"""Implement of a running tractor: MuJoCo model, inputs of the compiled loop, log columns, and antenna motion."""
+"""Implement of the simulated tractor: MuJoCo model, inputs of the compiled loop, log columns, and antenna motion."""
 
 from math import exp, inf, log1p, nan, radians, sqrt
 from typing import Any, NamedTuple
@@ -25,7 +25,7 @@ IMPLEMENT_WHEELS = ("il", "ir")
 
 
 def add_implement(spec: mujoco.MjSpec, hitched: HitchedBody, tractor: TractorParameters, native: bool) -> None:
-    """Attach the implement `hitched` to the tractor `spec`; `native` selects MuJoCo contact for implement wheels."""
+    """Attach the implement `hitched` to the tractor `spec`. If `native` is true, MuJoCo contact carries its wheels."""
     hitch = [-tractor.hitch_behind_m, 0.0, tractor.hitch_height_m]
     body = spec.body("chassis").add_body(name=IMPLEMENT, pos=hitch)
     body.explicitinertial = True

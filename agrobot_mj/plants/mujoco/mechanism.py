@@ -11,8 +11,9 @@ import mujoco
 from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 
 CRANK_KG, CRANK_ARMATURE, CRANK_DAMPING = 1e-6, 1.0, 5.0
-"""Mass of the crank, which is part of the mass of the body [kg]; inertia [kg m2] and damping [N m s/rad] of the parts
-that rotate with the cylinder of the compact tractor. Inertia and damping scale with mass times squared track width."""
+"""Mass of the crank [kg], which is part of the mass of the body; inertia [kg m2] and damping [N m s/rad] of the parts
+that move with the steering cylinder of the compact tractor. Inertia and damping scale with mass times squared track
+width."""
 STIFF = (0.004, 1.0)  # Time constant [s] and damping ratio of the coupling between crank and knuckles
 LIMITED = mujoco.mjtLimited.mjLIMITED_TRUE
 

@@ -131,7 +131,8 @@ def _forget_defaults(spec: mujoco.MjSpec) -> None:
 
 
 def _keep_masses(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
-    """Store masses computed from geoms in the bodies, because visual geoms are removed for the simulation."""
+    """Write the masses that MuJoCo computes from geoms to the bodies, because visual geoms are removed for the
+    simulation."""
     always = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     for body in spec.bodies[1:]:
         body.gravcomp = 0.0

@@ -58,7 +58,8 @@ class _Size:
 
     @property
     def expanded(self) -> int:
-        """Upper limit of the number of elements, assuming that each attached model is as large as the largest one."""
+        """Upper limit of the number of elements, assuming that all attached models are as large as the largest attached
+        model."""
         return self.elements + self.attached * self.largest
 
 

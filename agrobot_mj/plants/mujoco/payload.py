@@ -1,4 +1,4 @@
-"""Payload: point masses added to or removed from the chassis of a running model.
+"""Payload: point masses that are added to or removed from the chassis during a run.
 
 A payload changes mass, centre of mass and inertia. Derived quantities of MuJoCo (`mj_setConst`) are computed with a
 separate MjData, so that the state is unchanged.

@@ -125,7 +125,7 @@ class Tyred(NamedTuple):
 
 
 class Assembly(NamedTuple):
-    """Model, data and components of a running tractor for the compiled loop; the arrays are modified in place."""
+    """Model, data and components of a simulated tractor for the compiled loop; the arrays are modified in place."""
 
     views: Views
     tyred: Tyred

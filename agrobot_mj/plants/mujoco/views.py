@@ -39,7 +39,10 @@ class Coupling(NamedTuple):
     constraint: Array
     qacc: Array
     factor: Array
-    """Factor L of the inertia matrix L' D L, below the diagonal, in sparse rows (see the next three fields)."""
+    """Factor L of the inertia matrix L' D L below the diagonal, as sparse rows.
+
+    `inverse_diagonal` contains D^-1; `row_nonzeros` and `columns` describe the sparse rows.
+    """
     inverse_diagonal: Array
     row_nonzeros: AnyArray
     columns: AnyArray

@@ -80,14 +80,17 @@ def _sets(path: str, title: str, k: str, families: tuple[str, ...], columns: Seq
 
 
 def _rule(column: str) -> Series:
-    """Return the plot line of a rule consequent. Its colour depends on the fuzzy set of x2, its width on the set of
-    x1."""
+    """Return the plot line of a rule consequent.
+
+    The colour of the line depends on the fuzzy set of x2, and its width depends on the fuzzy set of x1.
+    """
     i, j = (int(number) for number in column.split("_")[1:])
     return Series(f"{i},{j}", column, COLOURS[j % len(COLOURS)], wider=i)
 
 
 def _set(column: str) -> Series:
-    """Return the plot line of a fuzzy-set parameter. Its colour identifies the set, and its width the bound."""
+    """Return the plot line of a fuzzy-set parameter. Its colour identifies the set, and its width identifies the
+    bound."""
     kind, _, number = column.rpartition("_")
     bound = kind[1:].partition("_")[2]
     return Series(

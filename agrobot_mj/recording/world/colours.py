@@ -12,7 +12,7 @@ LOW, HIGH = np.array([88.0, 82.0, 54.0]), np.array([150.0, 154.0, 100.0])
 """Colours (red, green, blue) of the lowest and highest ground. Medium heights have the colour `LEVEL`."""
 FULL_COLOUR_M = 0.4  # Minimum height range over which the colours reach both ends of the ramp [m]
 SOFT, FIRM, SOFT_PA, FIRM_PA = np.array([66.0, 44.0, 28.0]), np.array([158.0, 130.0, 92.0]), 2e5, 2e6
-"""Colours of soft and firm soil, and the cone indices at which they apply [Pa]."""
+"""Colours (red, green, blue) of soft and firm soil, and cone indices of soft and firm soil [Pa]."""
 WET, DRY = np.array([52.0, 92.0, 138.0]), np.array([186.0, 176.0, 130.0])
 """Colours (red, green, blue) of ground with reduced and with increased friction."""
 

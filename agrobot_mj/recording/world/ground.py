@@ -27,8 +27,8 @@ MOST_VERTICES = 60_000
 """Maximum number of vertices of subdivided tiles. A vertex requires 52 bytes, including normal and triangles."""
 FINEST_M = 0.1  # Minimum distance between vertices on relief [m]: about 7 per furrow of 0.75 m
 SMOOTH_M = 0.004
-"""Maximum deviation of the relief from a straight line along x or y within a tile [m], up to which the tile has no
-vertices in this direction."""
+"""Maximum deviation of the relief in a tile from straight lines along x or y [m]. A tile with a smaller deviation is
+not subdivided along this axis."""
 BORDER_M = 0.25  # Distance between vertices at borders of patches [m]
 BLEND_M = 0.35  # Half width of the strip in which the colours of two patches are blended, to avoid jagged borders [m]
 CORRIDOR_M = 4.0

@@ -25,7 +25,7 @@ EVERY_TICKS = 2  # Number of ticks between recorded positions of a name
 
 
 class TrackNames:
-    """Recorder of the labels of the reference, the true track and the estimated track."""
+    """Recorder that sends the labels of the reference, the true track and the estimated track."""
 
     def __init__(self, rows: Rows, ground: Ground, scenario: Scenario, reference: Array) -> None:
         """Prepare the labels. `reference` (n, 3) [m] is the drawn path, with points equally spaced in time."""

@@ -14,7 +14,8 @@ from agrobot_mj.terrain.memory import RutMap
 
 ENTITY = "world/ruts"
 DRAWN_M, MOST_SQUARES = 0.1, 60_000
-"""Side length of drawn squares [m], doubled until their number is at most `MOST_SQUARES`, and this maximum [-]."""
+"""Side length of the drawn squares [m], which is doubled until the squares are few enough, and maximum number of
+squares."""
 LIFT_M = 0.003  # Height of the squares above the ground, below tyre marks and path [m]
 PIECE_S = 5.0  # Driving time covered by one segment of the ruts [s]
 PLACE_M = 0.5  # Size of the grid cells used to find the wheel that passes a point [m]

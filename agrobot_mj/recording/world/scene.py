@@ -110,7 +110,7 @@ def _batch(entity: str, geoms: Sequence[Geom]) -> rr.AsComponents:
 
 CONTOURS = "world/contours"
 COLOUR, WIDTH, LIFT_M = 0x20280FA0, rr.Radius.ui_points(0.6), 0.005
-"""Colour, width and height above the ground [m] of contour lines. Reference path and tracks are above them."""
+"""Colour, width and height above the ground [m] of contour lines, which are below the reference path and the tracks."""
 MOST_LINES = 24  # Maximum number of contour lines
 LEAST_RISE_M = 0.4  # Minimum height difference of the ground at which contour lines are drawn [m]
 

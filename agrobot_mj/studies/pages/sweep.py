@@ -1,8 +1,8 @@
 """Report page of a sweep.
 
 The page contains a ranking of groups of runs, error curves over one parameter, and error maps over two parameters with
-the boundary of failure. It lists the worst runs and gives the command that repeats each run. Runs of a group have the
-same variant and the same non-numeric parameters. A run fails if it does not end as expected.
+the boundary of failure. The page lists the worst runs and gives the command that repeats each run. Runs of a group have
+the same variant and the same non-numeric parameters. A run fails if it does not end as expected.
 """
 
 import json

@@ -61,7 +61,7 @@ class SweepPlan:
 
     @property
     def total(self) -> int:
-        """Number of runs."""
+        """Number of runs of the sweep."""
         return self.combinations * self.samples * len(self.sweep.seeds)
 
     @property

@@ -225,7 +225,7 @@ def changed_values(table: dict[str, Any], change: Callable[[str, Any], Any]) -> 
 
 
 def last(key: str) -> str:
-    """Return the last name of a dotted key."""
+    """Return the last name of a dotted key, for example `kind` for `plant.kind`."""
     return key.rpartition(".")[2]
 
 
