@@ -28,7 +28,7 @@ class PoseEkfLaw(NamedTuple):
     """Parameters of `PoseEkf` as numbers for compiled kernels."""
 
     wheelbase: float  # Wheelbase L [m]
-    walks: tuple[float, float, float]  # Random walks of x, y [m/sqrt(s)] and yaw [rad/sqrt(s)]
+    walks: tuple[float, float, float]  # Random-walk coefficients of x, y [m/sqrt(s)] and yaw [rad/sqrt(s)]
 
 
 @jit

@@ -37,9 +37,9 @@ BIAS = 3  # Index of the steering bias in the state
 class Levels(NamedTuple):
     """Noise parameters of the filter: random walks of the states, and the correlated part of the fix error."""
 
-    position_walk: float  # Random walk of the position [m/sqrt(s)]
-    yaw_walk: float  # Random walk of the course [rad/sqrt(s)]
-    bias_walk: float  # Random walk of the steering bias [rad/sqrt(s)]
+    position_walk: float  # Random-walk coefficient of the position [m/sqrt(s)]
+    yaw_walk: float  # Random-walk coefficient of the course [rad/sqrt(s)]
+    bias_walk: float  # Random-walk coefficient of the steering bias [rad/sqrt(s)]
     correlated_share: float
     """Standard deviation of the time-correlated fix error, divided by the standard deviation of the total error [-]."""
     correlation_time: float  # Correlation time of the time-correlated fix error [s]

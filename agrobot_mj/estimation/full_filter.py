@@ -95,7 +95,7 @@ SWAY, SWAY_S = 0.15, 5.0
 STEADY_S = 20.0
 """Time constant of the low-pass filter of the modelled sideslip [s]. Assumed value: the duration of a half turn. The
 uncertainty of the tyre compliance covers sideslip that lasts longer, for example on a contour line."""
-LONGEST_GAP_S = 1.0  # Maximum time represented by one fix [s]. Assumed value, the period of a 1 Hz receiver.
+LONGEST_GAP_S = 1.0  # Maximum time represented by one fix [s]. Assumed value: the period of a 1 Hz receiver.
 JUMP_M_S2 = 15.0
 """Maximum plausible rate of change of the speed of GNSS fixes [m/s2]. Assumed value: twice the friction limit of the
 tyres."""

@@ -60,8 +60,11 @@ class FullLevels(NamedTuple):
 
     wheelbase: float  # Wheelbase of the tractor [m]
     walks: Walks
-    """Random walks of east and north position, heading, speed, yaw rate, gyro bias, steering bias, wheel scale, tyre
-    compliance, wheel slip on a climb and antenna shift, in their units per square root of a second."""
+    """Random-walk coefficients in the units of the states per square root of a second.
+
+    The order is east and north position, heading, speed, yaw rate, gyro bias, steering bias, wheel scale, tyre
+    compliance, wheel slip on a climb, and antenna shift.
+    """
     gyro_sigma: float  # Standard deviation of the gyro noise [rad/s]
     wheel_sigma: float  # Standard deviation of the wheel speed [m/s]
     steer_sigma: float  # Standard deviation of the yaw rate derived from the steering angle [rad/s]
@@ -70,10 +73,10 @@ class FullLevels(NamedTuple):
     """Random-walk coefficient of the relative wheel-speed error, divided by the gravity component along the ground
     [s2/m/sqrt(s)]."""
     heading_sigma: float = radians(0.25)  # Standard deviation of a two-antenna heading [rad]
-    sideslip_walk: float = radians(0.1)  # Random walk of the unmodelled sideslip [rad/sqrt(s)]
+    sideslip_walk: float = radians(0.1)  # Random-walk coefficient of the unmodelled sideslip [rad/sqrt(s)]
     sideslip_sigma: float = radians(2.0)
     """Standard deviation of the unmodelled sideslip [rad] at the first two-antenna heading."""
-    turn_offset_walk: float = 0.004  # Random walk of the turn offset with distance [m/sqrt(m)]
+    turn_offset_walk: float = 0.004  # Random-walk coefficient of the turn offset over the distance [m/sqrt(m)]
     load_transfer: float = 0.0  # CG height divided by the distance of the CG from the front axle [-]
     cg_arm: float = 0.0  # Distance l_r of the CG ahead of the rear axle [m]
     roll: float = 0.0  # Outward roll in a bend divided by the specific side force [rad s2/m], or 0 with an IMU

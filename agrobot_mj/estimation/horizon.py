@@ -50,7 +50,7 @@ value for a maximum receiver latency of 5 s, plus a margin."""
 class Horizon(NamedTuple):
     """State of the filter at the newest fix, the measurements since then, and earlier states of the filter."""
 
-    held: "Held[FullNumbers]"  # Numbers whose `core` is the filter state at the time of the newest fix
+    held: "Held[FullNumbers]"  # Numbers of the estimator, with the filter state `core` at the newest fix
     seen_t: float = -1.0  # Time of the newest fix [s]
     waiting: Matrix = np.zeros((0, 8))  # Measurements newer than `core`, oldest first: rows of `Inputs`, shape (n, 8)
     history: "tuple[tuple[tuple[Held[FullNumbers], float, Matrix], ...], ...]" = ((),)

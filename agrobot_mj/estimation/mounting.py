@@ -31,7 +31,7 @@ MOUNT_SIGMA = radians(10.0)
 SIGMA = radians(0.5)
 """Standard deviation of heading and sideslip [rad] at the start of the mounting estimate. Assumed value: with larger
 values, the filter would attribute slow errors of the fixes to antenna tilt that rotates with the heading."""
-MOVING = 0.5  # Minimum speed for a valid course [m/s]. Assumed value, fifteen times the velocity noise.
+MOVING = 0.5  # Minimum speed for a valid course [m/s]. Assumed value: fifteen times the velocity noise.
 
 
 @jit

@@ -75,9 +75,9 @@ class Prepared(NamedTuple):
 
     fix: Fix  # Fix of the rear-axle point R, or NaN if there is no fix
     sigma: float  # Standard deviation of the position of the fix [m]
-    lever: Lever
-    motion: Vector
-    motion_covariance: Matrix  # New value of `PoseState.motion_covariance`; `lever` and `motion` are also new values
+    lever: Lever  # New lever arm of the antenna, as in `PoseState.lever`
+    motion: Vector  # New mean of the velocity filter, as in `PoseState.motion`
+    motion_covariance: Matrix  # New covariance of the velocity filter, as in `PoseState.motion_covariance`
     speed: float  # Velocity along the estimated heading [m/s]
 
 

@@ -14,7 +14,7 @@ from agrobot_mj.core.kernels import kernel_method
 
 RESIDUAL_S = 2.0
 """Time constant for filtering the residual [s]. Assumed value: 40 fixes, which make slip changes of 1 % significant."""
-MEMORY_S = 300.0  # Averaging time of the slip variation [s]. Assumed value, the duration of several swaths.
+MEMORY_S = 300.0  # Averaging time of the slip variation [s]. Assumed value: the duration of several swaths.
 SIGNIFICANT = 9.0
 """Minimum squared residual, divided by its variance, that indicates a slip change [-]. Assumed value (three sigma)."""
 

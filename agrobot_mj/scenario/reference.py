@@ -165,7 +165,7 @@ def explain_key(key: str) -> str:
     return "\n\n".join("\n".join([dotted, *_doc_lines(doc, having)]) for doc, having in docs.items())
 
 
-Chosen = list[tuple[str, str]]  # Dotted keys of tables with the kind selected for each
+Chosen = list[tuple[str, str]]  # Pairs of the dotted key of a table and the kind selected for this table
 
 
 def _split_kinds(named: list[str]) -> tuple[list[str], Chosen]:

@@ -77,7 +77,7 @@ class SensorReadings(NamedTuple):
     """Measurements of the compiled sensors in one tick, with NaN for absent sensors."""
 
     gnss: Solved  # Solution computed in this tick
-    heading: float  # Heading from two antennas before its signal line [rad]
+    heading: float  # Heading from two antennas [rad], without the faults of its signal line
     steering_pot: float
     pedal_pot: float
     gyro: float

@@ -24,7 +24,7 @@ HEADROOM, LOW_ROOF, OVER_TYRE = 1.65, 1.35, 0.55
 """Default and minimum height of a cab roof above the cab floor [m], and minimum height of the roof above the rear tyres
 [m]. A low antenna reduces the default height."""
 LOOK = {"contype": 0, "conaffinity": 0, "group": 1, "mass": 0}  # Attributes of a visual geom without contact
-HIDDEN = 3  # Group of geoms that are not drawn
+HIDDEN = 3  # First group of geoms that are not drawn; geoms of lower groups are drawn
 KINDS = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
     "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,

@@ -25,7 +25,7 @@ class Clearance(NamedTuple):
 
     lowest: float  # Height of the lowest part in the chassis frame [m]
     reach: float  # Maximum distance of a part from the z axis of the chassis [m]
-    normal: Vector  # Normal of the ground [-]
+    normal: Vector  # Normal of the ground in world axes, unit vector [-]
     level: float
     """Signed distance of the ground plane from the world origin along its normal [m], or infinity if bodies other than
     the chassis can touch the ground."""

@@ -20,7 +20,7 @@ ROLL, CRANK = "axle_roll", "steer"
 TYRES = tuple(f"tyre_{w}" for w in WHEELS)
 OURS = (*SPINS, *STEERS, CRANK)  # Joints driven and coupled by the simulator
 RESERVED = ("implement", "wheel_il", "wheel_ir")  # Names of bodies added by the simulator
-ALONG, UPRIGHT = 0.999, 0.7  # Minimum cosines of the errors of axes: wheels and axle (2.5 deg), kingpins (45 deg) [-]
+ALONG, UPRIGHT = 0.999, 0.7  # Minimum cosines of axis errors [-]: 2.5 deg for wheels and axle, 45 deg for kingpins
 PLACE_M, SHARE = 0.01, 0.05
 """Maximum position error [m], and maximum error of a wheel centre's height divided by the free radius [-]."""
 ASIDE = 0.1  # Maximum distance of the centre of mass from the centre line, divided by the track width [-]

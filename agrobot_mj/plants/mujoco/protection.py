@@ -13,7 +13,7 @@ from collections.abc import Mapping
 
 import llvmlite.binding as llvm
 
-Calls = Mapping[str, tuple[str, ...]]  # Names of the C functions that each sequence calls
+Calls = Mapping[str, tuple[str, ...]]  # Names of the C functions that each wrapper calls, by name of the wrapper
 NOTED = 1000  # Maximum length of a stored error message [bytes]
 PROTECTED = sys.platform in ("linux", "darwin")
 """Whether MuJoCo errors are caught on this platform. On other platforms an error ends the process."""

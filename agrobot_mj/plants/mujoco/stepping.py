@@ -35,8 +35,8 @@ from agrobot_mj.tyres.laws import wheel_step
 from agrobot_mj.tyres.patch import TyreSet, WheelMotion
 
 FAILED = -1  # Result of `run_steps` in place of the number of steps after an error of MuJoCo
-Report: Any = GenericAlias(tuple, (float,) * len(COLUMNS))  # Values of the columns of an implement
-STEERING, DRIVE = 0, 1  # Order of the actuators in `models/tractor.xml`
+Report: Any = GenericAlias(tuple, (float,) * len(COLUMNS))  # Type of the log values of an implement
+STEERING, DRIVE = 0, 1  # Indices of the actuators, in the order of `models/tractor.xml`
 
 
 class TractorMotion(NamedTuple):

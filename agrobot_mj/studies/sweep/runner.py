@@ -41,7 +41,7 @@ class SweepSummary(NamedTuple):
 
     folder: Path
     total: int
-    before: int  # Number of runs, in this part, whose results already existed
+    before: int  # Number of runs in this part of the sweep whose results already existed
     new: int
     unexpected: int
     errors: int

@@ -162,7 +162,7 @@ class Sweep(NamedTuple):
 
     name: str
     file: SweepFile  # Content of the sweep file, with absolute paths
-    base: Scenario  # Base scenario with the overrides `set`
+    base: Scenario  # Base scenario with the overrides of the table `set`
 
     @property
     def seeds(self) -> tuple[int, ...] | range:
