@@ -65,7 +65,7 @@ define i32 @agrobot_{name}(i64 %model, i64 %data) {{
 class Protected:
     """Compiled wrappers of MuJoCo calls, which return 1 after an error of MuJoCo, else 0.
 
-    Each wrapper calls a sequence of C functions with the signature `void f(const mjModel*, mjData*)`.
+    Each wrapper executes several C functions of the type `void f(const mjModel*, mjData*)`.
     """
 
     def __init__(self, library: ctypes.CDLL, calls: Calls) -> None:
