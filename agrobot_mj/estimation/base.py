@@ -119,7 +119,8 @@ class CompiledEstimator(StateEstimator):
         return None
 
     def resumed(self, state: Any, found: Held[Any], shown: Vector) -> Any:
-        """Return the state after compiled ticks, whose last state is `found` and whose last log values are `shown`."""
+        """Return the state after ticks in compiled code: `found` is their last state, and `shown` their last log
+        values."""
         return found
 
 

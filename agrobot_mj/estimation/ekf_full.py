@@ -274,7 +274,8 @@ class EkfFull(CompiledEstimator):
         return Linked(self.compiled, state.settings, state.horizon.held, state.nothing)
 
     def resumed(self, state: FullState, found: Held[FullNumbers], shown: Vector) -> FullState:
-        """Return the state after compiled ticks, whose last state is `found` and whose last log values are `shown`."""
+        """Return the state after ticks in compiled code: `found` is their last state, and `shown` their last log
+        values."""
         return state._replace(horizon=Horizon(found).after(found, 1)._replace(history=((),)), logged=shown)
 
     def report(self, state: FullState) -> tuple[float, ...]:

@@ -262,7 +262,7 @@ class PoseEstimator(CompiledEstimator):
         return Linked(self.compiled, state.settings, state.numbers, state.law)
 
     def resumed(self, state: EstimatorState, found: Held[PoseState], shown: Vector) -> EstimatorState:
-        """Return the state of the estimator after compiled ticks; `found` is their last state."""
+        """Return the state of the estimator after ticks in compiled code; `found` is their last state."""
         return state._replace(numbers=found)
 
     def updated(self, state: EstimatorState, measurement: Measurement, dt: float) -> tuple[Any, Held[Estimate]]:

@@ -212,8 +212,8 @@ class MujocoPlant(RunningPlant):
             fail()
 
     def code(self) -> PlantCode | None:
-        """Return the data for compiled ticks, or None for a plant with switched clutches or MuJoCo contact, which need
-        Python."""
+        """Return the data for ticks that run in compiled code, or None if ticks need Python (switched clutches, MuJoCo
+        contact)."""
         if self.contacts or self.clutches.switched:
             return None
         if self._places is None:
@@ -241,7 +241,8 @@ class MujocoPlant(RunningPlant):
         )
 
     def resume(self, truth: Held[Truth], motion: TractorMotion, clear: bool, ticks: int) -> None:
-        """Store the results of compiled ticks: true state, motion, ground clearance, and number of ticks."""
+        """Store the results of ticks that ran in compiled code: true state, motion, ground clearance, and number of
+        ticks."""
         self.seen, self.motion, self.clear, self.ticks = truth, motion, clear, ticks
         self._trouble = self._found_trouble()
 

@@ -139,7 +139,7 @@ class Assembly(NamedTuple):
 
 
 class PlantCode(NamedTuple):
-    """Plant for compiled ticks: addresses of its functions, and arrays that they modify in place."""
+    """Plant for ticks that run in compiled code: addresses of its functions, and arrays that they modify in place."""
 
     steps: int  # Address of `run_steps`
     look: int  # Address of `look`
