@@ -1,9 +1,9 @@
-"""Calibration of the sensors of a log: centre, scale and sign of the steering, latencies, mounting, antenna position.
+"""Calibration of the sensors of a log: steering centre, scale and sign, latencies, heading offset and antenna position.
 
 One fit estimates all of these quantities together with tyre slip and steering play (`identify.fit`). Because of priors,
 parameters that slow driving does not excite have wide intervals and do not bias other parameters. The wheelbase must be
-known, because slow driving identifies only the scale divided by the wheelbase. Latencies are relative to the gyro or,
-without a gyro, to the steering.
+known, because slow driving identifies only the steering scale divided by the wheelbase. Latencies are relative to the
+gyro or, without a gyro, to the steering.
 
 Initial values come from a regression without slip (`steering`), which also detects different left and right scales.
 """
@@ -41,77 +41,79 @@ from agrobot_mj.sensors.dual_antenna import DualAntenna
 TYRES = ("front_compliance", "rear_compliance", "front_relaxation_m", "rear_relaxation_m", "backlash")
 AT_THE_EDGE = 0.97
 """Maximum ratio of an estimated latency to the limit of its search range in a valid calibration [-]."""
-LEAST_WINDOWS = 3  # Minimum number of windows for a calibration: 15 s of driving at speed
-SEEN_IN_SPEED = 0.9  # Minimum squared correlation of speed and positions for identifying the latency of the speed [-]
+LEAST_WINDOWS = 3  # Minimum number of 5 s windows with the machine in motion for a calibration
+SEEN_IN_SPEED = 0.9  # Minimum squared correlation of distances from speed and positions for fitting the speed latency
 SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.2, "offset": inf, "scale": inf, "scale_right": inf}
-"""Maximum half widths of the intervals of identified quantities, by key [unit of the key]. Assumed values."""
+"""Maximum half width of the 95 % interval of an identified quantity, by the last part of its map key [m or s]. The
+value `inf` means no limit. Assumed values."""
 SURE_HEADING_RAD = radians(5.0)
-"""Maximum half width of the interval of an identified heading offset [rad], if the interval includes the offset in the
-column map. Assumed value."""
+"""Maximum half width of the 95 % interval of an identified heading offset [rad]. The limit applies only if the interval
+includes the offset in the column map. Assumed value."""
 BENDS_RAD = radians(2.5)
 """Minimum standard deviation of the wheel angle at which latencies and antenna positions are identifiable [rad].
 Assumed value: without slip, the error of the antenna position is 0.13 m at steering angles of 0.7 deg, and 0.016 m
 at 3 deg."""
 LAG_OF_GYRO_S, LAG_OF_STEERING_S, LAG_OF_TYRES_S = 0.01, 0.03, 0.045
-"""Half widths of latency intervals due to unmodelled lags [s]: of a heading relative to a gyro, of a heading or gyro
-relative to the steering, and of position and speed, due to tyres and body roll. The last value times the speed is
+"""Half widths of latency intervals due to unmodelled lags [s]. First: heading relative to a gyro. Second: heading or
+gyro relative to the steering. Third: position and speed, due to tyres and body roll. The third value times the speed is
 the half width for the distance of the antenna ahead of the rear axle. Assumed values, from the simulator."""
-TWO_SIGMA = 2.0  # Minimum difference between the scales of both sides, divided by its standard error [-]
-RIGHT_SIGMA = 0.3  # Prior standard deviation of the scale to the right, divided by the scale to the left [-]
+TWO_SIGMA = 2.0  # Minimum difference between left and right steering scale, divided by its standard error [-]
+RIGHT_SIGMA = 0.3  # Prior standard deviation of the right steering scale divided by the left steering scale [-]
 ONE_SPEED = 3.0
-"""Factor on interval widths for a log with a single speed [-]. A single speed confounds steering scale, tyre parameters
-and antenna position. Assumed value."""
+"""Factor by which intervals are widened if the machine drives at one speed throughout the log [-]. With one speed,
+errors of steering scale, tyre parameters and antenna position cannot be separated. Assumed value."""
 MOST_SCRUB = 1.2
-"""Half width of the interval of the tyre scrub, divided by the scrub of the simulated tyres [-]. Assumed value: real
-tyres scrub up to twice as much."""
+"""Half width of the interval for the yaw-rate loss due to tyre scrub, divided by the loss of the simulated tyres [-].
+Assumed value: real tyres scrub up to twice as much."""
 SLIP_LEAD = 1 / 30
-"""Half width of the interval of a wheel-speed latency due to slip of accelerating wheels, divided by the speed [s2/m].
-Assumed value: twice the value of tyres on firm ground."""
+"""Half width of the interval of the wheel-speed latency due to slip of accelerating wheels, divided by the speed
+[s2/m]. Assumed value: twice the value of tyres on firm ground."""
 
 
 class _Drive(NamedTuple):
     """Properties of the motion in a log that determine which parameters are identifiable."""
 
-    wander: float  # Half width of the interval of the mean heading drift of two antennas [rad]
-    bends: bool  # Whether latencies and antenna positions are identifiable
+    wander: float  # Half width of the interval for the mean drift of a dual-antenna heading [rad]
+    bends: bool  # Whether the steering moves enough to identify latencies and antenna positions
     steady: bool  # Whether the machine drives at one speed throughout the log
     scrub: float  # Fraction of the yaw rate that scrubbing tyres lose in slow bends [-]
-    slip_lead: float  # Half width of the interval of a wheel speed's latency due to slip [s]
-    gyro: bool  # Whether latencies are relative to a gyro
-    lag_m: float  # Half width of the interval of the antenna's distance ahead [m], due to lag of tyres and body
+    slip_lead: float  # Half width of the interval of the wheel-speed latency due to wheel slip [s]
+    gyro: bool  # Whether latencies are relative to a gyro; otherwise, they are relative to the steering
+    lag_m: float  # Half width of the interval of the antenna's distance ahead, due to lags of tyres and body [m]
 
 
 class Calibration(NamedTuple):
     """Calibration of the sensors of a log, together with the fitted vehicle parameters."""
 
-    found: dict[str, Quantity]  # Quantities by map key, in the units of the keys
+    found: dict[str, Quantity]  # Calibrated quantities by key of the column map, for example `steer.offset`
     log_map: LogMap
-    pieces: Pieces  # Segments of the log; their wheel angles are computed with `rough` [rad]
+    pieces: Pieces  # Usable segments of the log, with wheel angles computed by `rough` [rad]
     rough: RoughSteering
     data: VehicleData
-    fit: VehicleFit  # Fitted parameters, relative to the values of `rough` and of the map
-    centres: tuple[SteeringCentre, ...]  # Steering centres in both halves of the log
+    fit: VehicleFit  # Fitted vehicle and sensor parameters, relative to `rough` and to the column map
+    centres: tuple[SteeringCentre, ...]
+    """Steering centres in the first and the second half of the log, without unidentified centres."""
 
     @property
     def steer(self) -> SteerColumn:
-        """Definition of the wheel-angle column in the original map."""
+        """Definition of the wheel-angle column in the column map before calibration."""
         assert self.log_map.steer is not None
         return self.log_map.steer
 
     @property
     def positive(self) -> Literal["left", "right"]:
-        """Steering direction, `left` or `right`, in which the raw sensor values increase."""
+        """Steering direction in which the raw sensor values increase."""
         return "left" if self.rough.scale > 0 else "right"
 
     @property
     def units(self) -> dict[str, str]:
-        """Units of the estimated quantities that depend on a unit in the map, by map key."""
+        """Units of the calibrated quantities whose unit depends on the column map, by map key."""
         units = dict.fromkeys(("steer.scale", "steer.scale_right"), f"{self.steer.unit} per reading")
         return units | ({"heading.offset": self.log_map.heading.unit} if self.log_map.heading else {})
 
     @property
     def centre_error(self) -> float:
-        """Wheel angle error due to the error of the steering centre in the original map [rad], positive to the left."""
+        """True wheel angle where the original column map gives straight ahead [rad], positive to the left."""
         scale = self.rough.scale * self.fit.values["steer_scale"]
         return scale * (self.steer.offset - self.found["steer.offset"].value)
 
@@ -122,18 +124,18 @@ class Calibration(NamedTuple):
 
     @property
     def two_scales(self) -> bool:
-        """Whether the steering sensor has different scales to the left and to the right."""
+        """Whether the steering scales to the left and to the right differ significantly."""
         right, error = (each.get("steer_right") for each in (self.fit.values, self.fit.errors))
         return right is not None and error is not None and abs(right - 1.0) > TWO_SIGMA * error
 
     @property
     def largest_angle(self) -> float:
-        """Maximum absolute wheel angle [rad]."""
+        """Maximum absolute wheel angle in the log after calibration [rad]."""
         return max(float(np.abs(sensed(self.fit.values, piece.steer)).max()) for piece in self.data.pieces)
 
     @property
     def calibrated(self) -> LogMap:
-        """Copy of the column map with the estimated values. Keys of unidentified quantities are unchanged."""
+        """Copy of the column map with the identified quantities and the sign of the steering sensor."""
         told = {key: each.rounded for key, each in self.found.items() if each.identified}
         return changed_map(self.log_map, {**told, "steer.positive": self.positive})
 
@@ -151,7 +153,8 @@ def calibrate(
 
 
 def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
-    """Return `log_map` or, by default, a built-in map. Raises `FieldLogError` if the map has no wheel angle."""
+    """Return `log_map` or, if it is None, the built-in map for the columns of the log. Raises `FieldLogError` if the
+    map has no wheel angle."""
     m = log_map or built_in(column_names(source), source_name(source))
     if m.steer is None:
         raise FieldLogError(f"{source_name(source)}: the map has no [steer]; add it with the column of the wheel angle")
@@ -159,8 +162,8 @@ def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
 
 
 def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
-    """Calibrate sensors from segments with raw sensor values as wheel angles. Raises `FieldLogError` for unsuitable
-    logs."""
+    """Calibrate the sensors of a log from its segments, in which the wheel angles are raw sensor values. Raises
+    `FieldLogError` for unsuitable logs."""
     t = scenario.tractor
     check_columns(cut.kept)
     rough = rough_steering(cut.kept, t.wheelbase_m)
@@ -199,7 +202,8 @@ def _spread(angles: Sequence[FieldRecording]) -> float:
 
 
 def _names(data: VehicleData) -> tuple[str, ...]:
-    """Return the names of the fitted parameters. Latencies are relative to the gyro or, without one, the steering."""
+    """Return the names of the parameters to fit, which depend on the measured channels. Latencies are relative to the
+    gyro or, without a gyro, to the steering."""
     channels = set(data.channels)
     ages = {"steer_delay_s": "yaw_rate", "heading_delay_s": "heading", "position_delay_s": "position"}
     if _speed_explained([piece.recording for piece in data.pieces]) > SEEN_IN_SPEED:
@@ -209,10 +213,10 @@ def _names(data: VehicleData) -> tuple[str, ...]:
 
 
 def _speed_explained(recordings: Sequence[FieldRecording]) -> float:
-    """Return the fraction of the variance of distances between positions that the recorded speed explains [-].
+    """Return the fraction of the variance in distances between positions that the recorded speed explains [-].
 
     The fraction is the maximum over the speed latencies `AGES_S`. At nearly constant speed, noise dominates the
-    variance and the fraction is low.
+    variance and the fraction is low. The fraction is 0 without positions.
     """
     ways = [_ways(each.position, each.speed) for each in recordings if each.position and len(each.position.t)]
     if not ways:
@@ -222,15 +226,15 @@ def _speed_explained(recordings: Sequence[FieldRecording]) -> float:
 
 
 def _ways(position: TimeSeries, speed: TimeSeries) -> Array:
-    """Return the distances travelled in intervals of `CHORD_S` [m], shape (1 + latencies, n). Row 0 contains the
-    distances between positions. The other rows contain the integrated speed, one row for each latency of `AGES_S`."""
+    """Return the distances travelled in consecutive intervals of `CHORD_S` [m], shape (1 + latencies, n). Row 0:
+    distances between positions. Other rows: integrated speed for each latency of `AGES_S`."""
     t, chord = chords(position, CHORD_S)
     way = cumulative_trapezoid(np.abs(speed.value), speed.t, initial=0)
     return np.stack([chord, *(np.diff(np.interp(t - age, speed.t, way)) for age in AGES_S)])
 
 
 def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -> dict[str, Quantity]:
-    """Return the calibrated quantities by map key, with intervals, computed from the fitted parameters."""
+    """Return the calibrated quantities with their 95 % intervals, by map key, computed from the fit `result`."""
     value, index = result.values, {name: k for k, name in enumerate(result.names)}
     assert m.steer is not None
     s, o, k = value["steer_scale"], value["steer_offset"], rough.scale
@@ -273,7 +277,7 @@ def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -
 
 
 def _wander(data: VehicleData) -> float:
-    """Return the half width of the interval of the mean drift of a dual-antenna heading [rad].
+    """Return the half width of the interval for the mean drift of a dual-antenna heading [rad], or 0 without a heading.
 
     The mean drift cannot be distinguished from a mounting angle. Over T time constants, the variance of the mean of a
     first-order process is 2 / T (1 - (1 - e^-T) / T) times the variance of the process.
@@ -293,7 +297,8 @@ def _quantity(
     index: dict[str, int],
     drive: _Drive,
 ) -> Quantity:
-    """Return a quantity with its interval. `slopes` are its derivatives with respect to the parameters."""
+    """Return the calibrated quantity of a map key with its 95 % interval, from its fitted value `middle`. `slopes`
+    contains the derivatives of this value with respect to fitted parameters, by parameter name."""
     if not slopes.keys() <= index.keys():  # the fit omits latencies that the log cannot identify
         return Quantity(middle, middle - 2 * DELAY_S, middle + 2 * DELAY_S, False)
     gradient = np.zeros(len(index))
@@ -316,7 +321,7 @@ def _quantity(
 
 
 def changed_map(m: LogMap, values: Mapping[str, float | str]) -> LogMap:
-    """Return a copy of a column map with the given `values`, by `table.key`."""
+    """Return a copy of a column map with new `values` for keys of the form `table.key`."""
     tables: dict[str, dict[str, float | str]] = {}
     for key, value in values.items():
         table, _, name = key.partition(".")

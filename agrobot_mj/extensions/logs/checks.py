@@ -11,16 +11,16 @@ from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.series import chords, course_rate
 
 CHORD_S, SLIPPED = 2.0, 1.5
-"""Time interval for track lengths [s], and maximum ratio of the track lengths from positions and from speed [-].
-Assumed values."""
+"""Time interval over which track lengths are computed [s], and maximum ratio between the track lengths from positions
+and from speed [-]. Assumed values."""
 LONGEST_ARM_M, ARM_EXPLAINS = 6.0, 0.2
-"""Limits for attributing a wrong track length to the antenna position: maximum distance from antenna to rear axle [m],
-and maximum relative RMS residual [-]. Assumed values."""
+"""Limits for explaining a wrong track length by the position of the antenna: maximum distance from antenna to rear axle
+[m], and maximum relative RMS residual [-]. Assumed values."""
 AGREED = 0.5
 """Minimum correlation between the course rate of the positions and the yaw rate of a sensor for detecting a wrong unit
 or sign [-]. Assumed value: consistent sensors reach 0.9."""
-OTHER_UNIT = 5.0  # Ratio of two yaw rates above which one of them has a wrong unit [-]; deg/s instead of rad/s gives 57
-LEAST_HZ = 2.5  # Minimum rate at which positions and headings resolve yaw dynamics [Hz]
+OTHER_UNIT = 5.0  # Ratio of two yaw rates above which one rate has a wrong unit [-]; deg/s instead of rad/s gives 57
+LEAST_HZ = 2.5  # Minimum sampling rate at which positions and headings resolve yaw dynamics [Hz]
 COARSE_M_S = 0.12
 """Resolution of speed above which rounding biases a fitted scale [m/s]. Assumed value: 1 km/h gives a bias of 5 %."""
 
@@ -74,7 +74,7 @@ def _check_speed(recordings: Sequence[FieldRecording]) -> None:
 
 
 def _ways(piece: FieldRecording) -> Array | None:
-    """Return the motion in intervals of `CHORD_S`, shape (3, n), or None if there are no positions.
+    """Return the motion in consecutive intervals of `CHORD_S`, shape (3, n), or None if there are no positions.
 
     Row 0: distance between positions [m]. Row 1: distance travelled by the antenna, from speed and yaw rate [m]. Row 2:
     change of yaw [rad].
@@ -89,7 +89,8 @@ def _ways(piece: FieldRecording) -> Array | None:
 
 
 def _arm(way: Array, said: Array, across: Array) -> float | None:
-    """Return the distance from rear axle to antenna that explains the positions [m], or None if no distance does."""
+    """Return the distance of the antenna from the rear axle that would explain the track lengths [m], or None if no
+    distance explains them."""
     bend = float((across**4).sum())
     squared = float(((way**2 - said**2) * across**2).sum()) / bend if bend else 0.0
     if not 0.0 < squared < LONGEST_ARM_M**2:
@@ -99,7 +100,7 @@ def _arm(way: Array, said: Array, across: Array) -> float | None:
 
 
 def _check_turning(recordings: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` if the course turns opposite to the yaw rate (mirrored) or at another rate (wrong unit)."""
+    """Raise `FieldLogError` if the course turns opposite to the yaw rate, or at a very different rate."""
     pairs = [pair for piece in recordings if (pair := _turning_twice(piece)) is not None]
     if not pairs:
         return
@@ -120,7 +121,7 @@ def _check_turning(recordings: Sequence[FieldRecording]) -> None:
 
 
 def _turning_twice(piece: FieldRecording) -> Array | None:
-    """Return course rate and yaw rate at common times, shape (2, n) [rad/s], or None if either is not measured."""
+    """Return course rate and yaw rate at common times [rad/s], shape (2, n), or None if either is not measured."""
     if piece.position is None or piece.yaw_rate is None or piece.yaw_rate_source == "course":
         return None
     course = course_rate(piece.position, piece.speed)

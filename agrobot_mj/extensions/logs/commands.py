@@ -133,7 +133,7 @@ def _folder(out: Path | None, parts: list[str], log: Path) -> Path | None:
 
 
 def _scenario(log: Path, sets: list[str] | None) -> "Scenario":
-    """Return the scenario in the folder of the log, or a default scenario, with the overrides `sets`."""
+    """Return the scenario in the folder of the log, by default `straight_line`, with the overrides `sets`."""
     from agrobot_mj.scenario.loading import load_scenario
 
     beside = (log if log.is_dir() else log.parent) / "scenario.toml"
@@ -142,7 +142,7 @@ def _scenario(log: Path, sets: list[str] | None) -> "Scenario":
 
 
 def _former(name: str) -> Callable[..., Answer]:
-    """Return a deprecated command that runs one part of the analysis, with the options of `twin`."""
+    """Return the deprecated command `name`, which runs one part of the analysis with the options of `twin`."""
 
     @wraps(twin)
     def command(*given: Any, vehicle: bool = False, **options: Any) -> Answer:
@@ -177,4 +177,4 @@ COMMANDS = {
     _former("replay"): HelpEntry(now="twin LOG --only replay"),
     _former("calibrate"): HelpEntry(now="twin LOG --only calibrate"),
 }
-"""Commands of this extension with their help entries."""
+"""Commands of the extension for logs, with their help entries."""

@@ -17,32 +17,32 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.series import TimeSeries, scatter
 
-SIGNED = -0.1  # A recorded speed with values below this limit has a sign [m/s]. Assumed: larger than the noise at rest.
+SIGNED = -0.1  # Recorded speeds below this limit indicate a signed speed [m/s]. Assumed value: below the noise at rest.
 LEAST_LEG_M, LEG_PER_SCATTER = 0.5, 10.0
-"""Minimum length of a reverse section: a constant [m], or a multiple of the position noise [-] if this is longer."""
+"""Minimum length of a section between direction changes: a constant [m] or, if longer, a multiple of the noise [-]."""
 AROUND_S = 2.0  # Time before and after a change of direction in which the minimum speed is searched [s]
 LONGEST_STEP_S = 2.0  # Maximum time between two fixes whose displacement is used [s]
 STANDING_M_S = 0.1
 """Speed below which a machine is at rest [m/s]. Assumed value: three times the speed noise of a receiver at rest."""
 LEAST_TOLD, LEAST_GAIN = 0.3, 0.01
-"""Minimum fraction of the yaw-rate variance that the steering must explain to determine directions, and minimum
-increase of this fraction for reversing the sign of a section [-]. Assumed values: above the effect of noise."""
+"""Limits for the fraction of the yaw-rate variance that the steering explains [-]: minimum for determining directions,
+and minimum increase for reversing the direction of a section. Assumed values: above the effect of noise."""
 MOST_TURN = 3.0
 """Maximum valid yaw rate, divided by the 80 % quantile of all absolute yaw rates [-]. Assumed value."""
-MOST_LEGS = 200  # Maximum number of sections whose directions the steering can determine
+MOST_LEGS = 200  # Maximum number of sections between direction changes for which the steering determines the directions
 
 
 class Directed(NamedTuple):
     """Recording with a signed speed, negative in reverse."""
 
     recording: FieldRecording
-    reverse_m: float  # Distance driven in reverse, if detected [m], or 0 for a signed recorded speed
+    reverse_m: float  # Distance that the detection attributes to reverse [m], or 0 if the recorded speed is signed
     mounting: float | None  # Mean angle from the course to the recorded heading [rad], or None if not identified
-    how: str = ""  # Quantity that determined the direction, or an empty string if no reverse is detected
+    how: str = ""  # Quantity from which reverse was detected, or an empty string if no reverse is detected
 
 
 def is_signed(recording: FieldRecording) -> bool:
-    """Return whether the recorded speed is negative in reverse."""
+    """Return whether the recorded speed is negative in reverse, according to the column map or to its values."""
     return recording.signed or float(recording.speed.value.min()) < SIGNED
 
 
@@ -82,8 +82,8 @@ def _displacements(position: TimeSeries) -> tuple[Array, Array]:
 
 
 def by_course(step: Array, least: float) -> Array:
-    """Return the distances between fixes, negative in reverse. The direction changes where the course reverses between
-    two sections of length `least` [m]."""
+    """Return the distances between fixes, negative in reverse [m], from displacements `step` as complex numbers east +
+    i north [m]. The direction changes where the course reverses between two sections of length `least` [m]."""
     sign, now, start, leg, before = np.ones(len(step)), 1.0, 0, 0j, 0j
     for k in range(len(step)):
         leg += step[k]
@@ -99,7 +99,7 @@ def by_course(step: Array, least: float) -> Array:
 
 
 def _legs(t: Array, forward: Array, speed: TimeSeries, least: float) -> tuple[Array, Array]:
-    """Return the times of direction changes (n,), and the direction of each section (1 or -1), shape (n + 1,)."""
+    """Return the times of direction changes (n,) [s], and the direction of each section (1 or -1), shape (n + 1,)."""
     way = np.cumsum(forward)
     turns = sorted(k for up in (way, -way) for k in find_peaks(up, prominence=least)[0])
     borders = np.array([_slowest(speed, t[k]) for k in turns])

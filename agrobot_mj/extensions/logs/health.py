@@ -42,12 +42,12 @@ TOLD = 0.5
 CHORD_S, MOST_ALIKE = 0.5, 20.0
 """Minimum time between fixes [s] and maximum condition number [-] in the regression of the antenna position."""
 ARM_M, ARM_ERROR_M = 0.3, 0.3
-"""Minimum reported error of the antenna position in the column map, plus `SIGMAS` standard errors, and maximum standard
-error of a valid estimate [m]."""
+"""Minimum error of the antenna position in the column map that is reported, in addition to `SIGMAS` standard errors
+[m]. Maximum standard error of a valid estimate of this position [m]."""
 
 
 class CentrePart(NamedTuple):
-    """Steering centre in a part of a log."""
+    """Steering centre in a part of a log, from time `start` to time `end` [s]."""
 
     start: float
     end: float
@@ -63,11 +63,12 @@ class LogHealth(NamedTuple):
     steering: RoughSteering | None
     parts: tuple[CentrePart, ...]  # Steering centre in each part of the log, in order of time
     ahead_m: tuple[float, float] | None
-    """Distance of the antenna ahead of the rear axle, and the standard error of this distance [m]."""
+    """Distance of the antenna ahead of the rear axle and its standard error [m], or None if not identified."""
 
     @property
     def centre(self) -> SteeringCentre:
-        """Mean steering centre of all parts of the log. The standard error follows from the scatter of the parts."""
+        """Mean steering centre of all parts of the log. The standard error follows from the scatter between the
+        parts."""
         first, *others = (part.centre for part in self.parts)
         if not others:
             return first
@@ -76,7 +77,7 @@ class LogHealth(NamedTuple):
 
 
 def health(recording: FieldRecording) -> LogHealth:
-    """Return the properties of a recording whose wheel angle is the raw sensor value."""
+    """Return the properties of a recording in which the wheel angles are raw sensor values."""
     whole = directed(recording).recording
     steering, parts = _steering(whole)
     noise = None if whole.position is None else scatter(whole.position.value)
@@ -85,7 +86,7 @@ def health(recording: FieldRecording) -> LogHealth:
 
 def _steering(recording: FieldRecording) -> tuple[RoughSteering | None, tuple[CentrePart, ...]]:
     """Return the relation between sensor value and wheel angle without slip, and the steering centres in parts of the
-    log with equal numbers of samples."""
+    log with equal numbers of samples. Without sufficient samples, return None and an empty tuple."""
     if recording.steer is None or recording.yaw_rate is None:
         return None, ()
     found = turning([recording], WHEELBASE_M)
@@ -130,7 +131,7 @@ def _ahead(recording: FieldRecording) -> tuple[float, float] | None:
 
 
 def health_lines(sources: Sequence[Source], log_map: LogMap, height: float = 0.0) -> list[str]:
-    """Return sentences about steering centre, antenna position, noise and bursts. Unreadable logs are skipped."""
+    """Return sentences about steering centre, antenna position, noise and bursts of logs. Skip unreadable logs."""
     found = []
     for source in sources:
         try:
@@ -143,7 +144,7 @@ def health_lines(sources: Sequence[Source], log_map: LogMap, height: float = 0.0
 
 
 def _moved(one: LogHealth, other: LogHealth) -> Iterator[str]:
-    """Yield a sentence if the steering centres of two logs differ significantly."""
+    """Yield a sentence if the steering centres of two consecutive logs differ significantly."""
     assert one.steering is not None
     if moved((one.centre, other.centre), one.steering):
         digits = _digits(one.steering)
@@ -152,12 +153,12 @@ def _moved(one: LogHealth, other: LogHealth) -> Iterator[str]:
 
 
 def _digits(rough: RoughSteering) -> int:
-    """Return the number of decimals that shows a steering centre with a resolution of 0.1 deg."""
+    """Return the number of decimals needed to show a steering centre with a resolution of 0.1 deg."""
     return max(0, -int(np.floor(np.log10(0.1 / degrees(abs(rough.scale))))))
 
 
 def sentences_of(h: LogHealth, m: LogMap) -> Iterator[str]:
-    """Yield sentences about the properties of one log."""
+    """Yield sentences about the properties `h` of a log, compared with its column map `m`."""
     if h.bursts:
         yield (
             f"recorded in {h.bursts.number} bursts of {h.bursts.length:.1f} s, one every {h.bursts.period:.1f} s; a "

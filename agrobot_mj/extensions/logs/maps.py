@@ -15,7 +15,8 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.scenario.overrides import read_spec, read_toml
 
-Delay = Annotated[float, Field(ge=-5, le=5)]  # Latency of a value [s]; negative if the logger assigns too early a time
+Delay = Annotated[float, Field(ge=-5, le=5)]
+"""Latency of a value [s]; negative if the time stamps of the logger are too early."""
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Metres = Annotated[float, Field(ge=-1e7, le=1e7)]
 Accepted = Annotated[tuple[int | str, ...], Field(min_length=1)]
@@ -254,18 +255,18 @@ SI_TABLES: tuple[tuple[str, tuple[str, ...], dict[str, Any]], ...] = (
     ("position", ("latitude", "longitude"), {"latitude": "latitude", "longitude": "longitude"}),
     ("position", ("east", "north"), {"east": "east", "north": "north"}),
 )
-"""Map tables for logs in SI units: name, required columns and keys. The first suitable entry with a name applies."""
+"""Map tables for logs in SI units: name, required columns and keys. The first suitable entry of each name applies."""
 INSTEAD = {
     "steer_demand": "the commanded angle; the residuals then include the lag of the steering",
     "curvature": 'with unit = "1/m" and wheelbase_m',
     "steering_wheel": "the angle of the steering wheel, with scale = wheel angle / steering-wheel angle",
 }
-"""Columns that a user-defined map may contain instead of a measured wheel angle, with instructions."""
+"""Columns that a user-defined map may use instead of a measured wheel angle, with instructions for the user."""
 
 
 def si_tables(names: Sequence[str], changed: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Return the map tables for a log in SI units with the columns `names`. `changed` contains keys that differ from
-    their defaults, by table."""
+    """Return the map tables for a log in SI units with the columns `names`. `changed` contains, for each table, the
+    keys that differ from their defaults."""
     found: dict[str, dict[str, Any]] = {"time": {"column": "t"}}
     for table, needed, keys in SI_TABLES:
         if table not in found and set(needed) <= set(names):
@@ -276,7 +277,7 @@ def si_tables(names: Sequence[str], changed: Mapping[str, Mapping[str, Any]]) ->
 
 
 def lacking(tables: Iterable[str], names: Sequence[str]) -> str:
-    """Return a text that names the quantities missing for a replay, or an empty string if all are available."""
+    """Return a text that names the quantities missing for a replay, or an empty string if none is missing."""
     there = set(tables)
     lacks = [] if there & {"steer", "valve"} else ["no wheel angle"]
     lacks += [] if "speed" in there else ["no speed"]

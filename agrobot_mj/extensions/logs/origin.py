@@ -15,7 +15,8 @@ from agrobot_mj.scenario.schema import Scenario
 
 
 def log_identity(scenario: Scenario, sources: Sequence[Source], log_map: LogMap | None = None, **asked: Any) -> str:
-    """Return the identity of a result as text. `asked` contains the options that affect the result, as JSON values."""
+    """Return a text that identifies a result by digests of its inputs and of the code. `asked` contains the options
+    that affect the result, as JSON values."""
     of = scenario.identity
     said = json.dumps([log_map and log_map.model_dump(mode="json"), asked])
     files = joined([of.files, *map(_content, sources)])

@@ -40,8 +40,8 @@ class Job:
     """Logs of one machine with the options of their analysis."""
 
     def __init__(self, logs: list[Path], map_file: Path | None, scenario: Scenario, **options: Any) -> None:
-        """Create a job with `options`: `start_s`, `end_s` [s], `share` of the fit [-], parameters `names`, replay input
-        `by`."""
+        """Create a job. Options: time range `start_s` to `end_s` [s], fraction `share` of the logs for the fit [-],
+        fitted parameters `names`, and recorded input `by` of a replay."""
         self.logs, self.map_file, self.scenario, self.options = logs, map_file, scenario, options
 
     @cached_property
@@ -62,7 +62,7 @@ class Job:
         return health_lines(sources, log_map) if log_map.steer is not None else []
 
     def identity(self, *names: str) -> str:
-        """Return the identity of a result that depends on the options `names`."""
+        """Return the identity of a result that depends on logs, map, scenario, time range and the options `names`."""
         sources, log_map, scenario, options = self.given(*names)
         return log_identity(scenario, sources, log_map, **options)
 
@@ -75,8 +75,8 @@ class Finding(NamedTuple):
     """Result of one part of the log analysis."""
 
     lines: Iterable[str]
-    content: Mapping[str, Any] = MappingProxyType({})  # Content of the JSON file, or empty without a result
-    write: Callable[[Path], object] = lambda folder: None  # Function that writes the other files to a results folder
+    content: Mapping[str, Any] = MappingProxyType({})  # Content of the JSON file, or empty if the part has no result
+    write: Callable[[Path], object] = lambda folder: None  # Function that writes the other result files to a folder
     failed: str = ""  # Reason why the result is missing or incomplete, or an empty string
 
 
@@ -92,7 +92,8 @@ class LogPart(NamedTuple):
 
 
 def analyse(parts: Mapping[str, LogPart], job: Job, folder: Path | None) -> dict[str, Finding]:
-    """Run parts of the analysis on the logs of a job. Write the results to `folder` unless it is None."""
+    """Run parts of the analysis on the logs of a job. Return the results by part name, and write them to `folder`
+    unless it is None."""
     names = [name for part in parts.values() for name in (part.file, *part.others(job.scenario))]
     found = dict[str, Finding]()
     with nullcontext() if folder is None else results(folder, names):
@@ -107,7 +108,7 @@ def analyse(parts: Mapping[str, LogPart], job: Job, folder: Path | None) -> dict
 
 
 def calibration(job: Job) -> Finding:
-    """Calibrate the centre, scale and sign of the steering, and latencies, mounting and antenna position."""
+    """Calibrate the steering sensor, latencies, heading offset and antenna position with the logs of a job."""
     sources, log_map, scenario, options = job.given()
     return _calibration(calibrate(sources, log_map, scenario, **options), scenario, job.identity())
 
@@ -126,7 +127,8 @@ def _calibration(found: Calibration, scenario: Scenario, identity: str) -> Findi
 
 
 def vehicle(job: Job) -> Finding:
-    """Identify the stiffness and relaxation length of the tyres, and the offset, delay and backlash of the steering."""
+    """Identify the stiffness and relaxation length of the tyres, and the offset, delay and backlash of the steering. If
+    the logs are too short, only calibrate the sensors."""
     sources, log_map, scenario, options = job.given("names", "share")
     try:
         found = identify_vehicle(sources, log_map, scenario, **options)
@@ -142,7 +144,7 @@ def vehicle(job: Job) -> Finding:
 
 
 def keys(job: Job) -> Finding:
-    """Fit scenario keys by replays, with MuJoCo's toolbox `mujoco.sysid`."""
+    """Fit scenario keys to the logs of a job by replays, with MuJoCo's toolbox `mujoco.sysid`."""
     sources, log_map, scenario, options = job.given("names")
     found = fit_keys(sources, log_map, scenario, **options)
     content = {"identity": job.identity("names"), **found._asdict(), "found": quantity_numbers(found.found)}
@@ -172,7 +174,7 @@ def driven(job: Job) -> Finding:
 
 
 def valve(job: Job) -> Finding:
-    """Identify the steering valve from a run."""
+    """Identify the steering valve from the folder of a single run."""
     run = job.logs[0]
     if len(job.logs) > 1:
         raise ScenarioError("--only valve: the valve model is fitted to a single run; specify only one folder")
@@ -242,7 +244,7 @@ WHOLE = {"twin": LogPart(whole, "twin.json", lambda scenario: FILES)}
 
 
 def chosen_parts(names: Sequence[str]) -> dict[str, LogPart]:
-    """Return the parts `names` of the analysis, by default `WHOLE`. Raises `ScenarioError` for unknown names."""
+    """Return the log analyses `names` of `PARTS`, by default `WHOLE`. Raises `ScenarioError` for unknown names."""
     if unknown := next((name for name in names if name not in PARTS), None):
         near = suggestion(unknown, list(PARTS))
         raise ScenarioError(f"--only {unknown}: unknown part{near} (known: {', '.join(PARTS)})")

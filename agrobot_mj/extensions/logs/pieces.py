@@ -70,7 +70,7 @@ def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float 
 
 
 def _at_axle(recording: FieldRecording) -> FieldRecording:
-    """Return the recording with the speed of the rear axle, converted if the recorded speed is that of the antenna."""
+    """Return the recording with the speed of the rear axle, converted if the recorded speed is the antenna speed."""
     if not recording.antenna_speed or recording.yaw_rate is None:
         return recording
     (t, v), (ahead, left, _) = recording.speed, recording.arm
@@ -86,8 +86,8 @@ class Bursts(NamedTuple):
 
 
 def bursts(recording: FieldRecording) -> Bursts | None:
-    """Return burst statistics of a recording, or None if there are few bursts or if the bursts are long enough for a
-    fit."""
+    """Return burst statistics of a recording. Return None if there are fewer than `FEWEST_BURSTS` bursts, or if the
+    bursts are long enough for a fit."""
     gaps = sorted({gap for part in recording.inputs for gap in _gaps(getattr(recording, part).t, LONGEST_GAP_S)})
     starts = np.array([recording.start, *(end for _, end in gaps)])
     ends = np.array([*(start for start, _ in gaps), recording.end])
@@ -122,7 +122,7 @@ def read_pieces(
 
 
 def _left_out(recording: FieldRecording) -> Iterator[Span]:
-    """Yield the time intervals without an input or a position, and the intervals at standstill."""
+    """Yield the time intervals that lack an input or a position, and the intervals at standstill."""
     for part, column in recording.inputs.items():
         yield from (Span(a, b, f"gap in {column!r}") for a, b in _gaps(getattr(recording, part).t, LONGEST_GAP_S))
     if (fixes := recording.position) is not None:
@@ -156,7 +156,7 @@ def _between(out: list[Span], start: float, end: float, shortest: float) -> Iter
 def _note(
     recording: FieldRecording, bounds: tuple[float, float], spans: list[tuple[float, float]], out: list[Span]
 ) -> str:
-    """Return a text about used and omitted time of a recording."""
+    """Return a sentence with the used and the omitted time of a recording."""
     kept, whole = sum(b - a for a, b in spans), bounds[1] - bounds[0]
     text = f"{recording.name}: {kept:.0f} of {whole:.0f} s are used"
     if spans and len(spans) < 7:
@@ -171,7 +171,7 @@ def _note(
 
 
 def excitation(recordings: Sequence[FieldRecording]) -> tuple[Array, Array, Array]:
-    """Return speed [m/s], steering rate [deg/s] and curvature [1/m] at regular times, shape (n,) each."""
+    """Return speed [m/s], steering rate [deg/s] and curvature [1/m] at intervals of 0.1 s, shape (n,) each."""
     u, rate, bend = (np.concatenate(each) for each in zip(*map(_excitation, recordings), strict=True))
     return u, rate, bend
 
@@ -191,7 +191,7 @@ def slow_and_fast(recordings: Sequence[FieldRecording]) -> tuple[float, float]:
 
 
 def split(kept: Sequence[FieldRecording], share: float) -> tuple[list[FieldRecording], list[FieldRecording]]:
-    """Split segments after the first fraction `share` of the total time, and divide a segment if necessary."""
+    """Split segments after the first fraction `share` of the total time. A segment across this time is divided."""
     left = share * sum(each.end - each.start for each in kept)
     first, second = list[FieldRecording](), list[FieldRecording]()
     for each in kept:

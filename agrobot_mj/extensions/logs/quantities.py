@@ -14,7 +14,7 @@ LEVEL = 0.95
 
 
 class Quantity(NamedTuple):
-    """Estimated quantity with its interval, in the unit of its key. An unbounded interval has an infinite end."""
+    """Estimated quantity with its 95 % interval, in the unit of its key. An unbounded interval has an infinite end."""
 
     value: float
     low: float
@@ -23,12 +23,12 @@ class Quantity(NamedTuple):
 
     @property
     def half(self) -> float:
-        """Half width of the interval, in the unit of the key."""
+        """Half width of the 95 % interval, in the unit given by the key."""
         return (self.high - self.low) / 2
 
     @property
     def rounded(self) -> float:
-        """Value rounded to the second significant digit of the half width."""
+        """Value rounded to the second significant digit of the interval's half width."""
         return rounded(self.value, self.half)
 
     @property
@@ -38,7 +38,7 @@ class Quantity(NamedTuple):
 
     @property
     def ends(self) -> tuple[str, str]:
-        """Lower and upper end of the interval as texts, rounded to the same digit as the value."""
+        """Lower and upper end of the interval as texts, rounded to the last digit of the value."""
         return f"{rounded(self.low, self.half):g}", f"{rounded(self.high, self.half):g}"
 
     def excludes(self, value: float) -> bool:
@@ -50,11 +50,11 @@ Found = Mapping[str, Quantity]  # Identified quantities by key
 HEAD = ("quantity", "value", "from", "to", "unit", "identified")  # Column heads of the table of quantities
 UNITS = dict.fromkeys((f"{axle}_cornering_stiffness_n_rad" for axle in ("front", "rear")), "N/rad")
 UNITS |= {"understeer_gradient_rad_s2_m": "rad s2/m", "backlash_deg": "deg", "steer.offset": "reading"}
-"""Units of quantities whose key does not contain the unit."""
+"""Units of quantities whose keys do not contain the unit."""
 
 
 def quantity_rows(found: Found, units: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
-    """Yield the rows of a table of quantities. `units` contains units that are not part of the key."""
+    """Yield the rows of a table of quantities. `units` contains the units of keys that do not contain a unit."""
     for key, each in found.items():
         unit = units.get(key) or UNITS.get(key) or unit_of(key)
         yield key, each.text, *each.ends, unit, "yes" if each.identified else "no"
@@ -76,6 +76,6 @@ def rounded(value: float, half: float) -> float:
 
 
 def half_width(covariance: Array, gradient: Array, freedom: int) -> float:
-    """Return the half width of the Student t interval for a function of the fitted parameters. `gradient` (n,) contains
-    the derivatives of the function."""
+    """Return the half width of the 95 % Student t interval for a function of the fitted parameters. `gradient` (n,)
+    contains the derivatives of the function."""
     return float(stdtrit(max(freedom, 1), 0.5 + LEVEL / 2) * np.sqrt(gradient @ covariance @ gradient))

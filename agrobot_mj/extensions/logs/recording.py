@@ -57,7 +57,7 @@ LARGEST_STEER, LARGEST_SPEED = radians(75), 20.0
 """Maximum plausible steering angle [rad] and speed [m/s] of a tractor. Larger values indicate a wrong unit."""
 LARGEST_FIELD_M = 100e3  # Maximum extent of the positions [m]. A larger extent indicates invalid fixes.
 FARTHEST_M = 50e3  # Maximum east or north coordinate [m]. Coordinates of a map grid (UTM) are larger.
-MOST_REPEATED = 0.1  # Fraction of repeated headings in motion above which they are reported [-]. Assumed value.
+MOST_REPEATED = 0.1  # Fraction of repeated headings in motion above which a note reports them [-]. Assumed value.
 MOST_JUMPS = 0.2  # Fraction of positions with jumps above which all positions are rejected [-]. Assumed value.
 
 
@@ -77,7 +77,8 @@ class FieldRecording(NamedTuple):
     heading: TimeSeries | None  # Heading from east [rad], counter-clockwise, unwrapped
     position: TimeSeries | None  # East and north coordinates of the recorded point, shape (n, 2) [m]
     left_out: tuple[str, ...]  # Descriptions of repeated and implausible values that were omitted
-    arm: tuple[float, float, float]  # Position of the recorded point relative to R: ahead, to the left and up [m]
+    arm: tuple[float, float, float]
+    """Position of the recorded point relative to the rear-axle centre R: ahead, to the left and up [m]."""
     inputs: dict[str, str]  # Columns of the inputs: `speed`, and `steer` or `voltage`
     signed: bool  # Whether the map declares the speed as negative in reverse
 
@@ -118,8 +119,8 @@ def read_recording(
 ) -> FieldRecording:
     """Read a log with `log_map`, or with a suitable built-in map if `log_map` is None.
 
-    With `readings`, the wheel angle is the raw sensor value in the unit of its column. Raises `FieldLogError`, or
-    `ScenarioError` if no map fits.
+    With `readings`, the wheel angle is the raw sensor value in the unit of its column. Raises `FieldLogError` for an
+    unsuitable log, `ScenarioError` if no map fits.
     """
     name = source_name(source)
     m = log_map or built_in(column_names(source), name)
@@ -285,8 +286,8 @@ class _Reader(NamedTuple):
         return np.where(alone, np.nan, values)
 
     def _known(self, part: str, c: MeasuredColumn, values: Array, bound: float = inf, unit: str = "") -> TimeSeries:
-        """Return finite values with latency-corrected times. Raises `FieldLogError` for fewer than `FEWEST` values, or
-        for magnitudes above `bound`."""
+        """Return the finite values of a column with latency-corrected times. Raises `FieldLogError` for fewer than
+        `FEWEST` values, or for magnitudes above `bound`."""
         good = np.isfinite(values)
         if good.sum() < FEWEST:
             raise FieldLogError(f"{self.name}: {c.column!r} has only {good.sum()} values; remove [{part}] from the map")

@@ -1,4 +1,4 @@
-"""Reports of this extension, except the report of a digital twin, which the command `twin` writes."""
+"""Entry of this extension for the command `report`: a digital twin has no page, because `twin` writes the report."""
 
 from agrobot_mj.studies.pages.report import Reports
 

@@ -20,20 +20,20 @@ COURSE_S = 2.0
 LOST_S = 2.0
 """Minimum time without fixes that counts as a loss of position [s], or three fix intervals if these are longer."""
 JUMP_M, FASTER, NOISY = 0.5, 2.0, 3.0
-"""Terms of the maximum plausible distance between two fixes: constant [m], factor on the recorded speed [-], and factor
-on the typical error of the speed between fixes [-]. Assumed values above the drift of RTK floats and wheel slip."""
+"""Terms of the maximum plausible distance between two fixes: a constant [m], and factors on the recorded speed and on
+the typical speed error between fixes [-]. Assumed values above the drift of RTK floats and wheel slip."""
 JUMP_RAD, LARGEST_YAW_RATE = 0.3, 3.0
 """Maximum plausible heading change: constant [rad], plus yaw rate [rad/s] times the interval. Assumed values."""
 AWAY_S = 5.0
 """Maximum duration of a temporary position jump [s]. Longer jumps count as permanent. Assumed value."""
 STANDS_OUT, USUAL_OFF = 5.0, 0.9
-"""Minimum deviation of an outlier, divided by the maximum of three deviations [-]: those of the second values before
-and after the outlier, and the quantile `USUAL_OFF` of all deviations [-]. Assumed values."""
+"""Minimum deviation of an outlier from the line between its neighbours, divided by other deviations [-]. These are the
+deviations of the second values before and after, and the quantile `USUAL_OFF` of all deviations. Assumed values."""
 LEAST_SPEED = 0.3  # Speed below which the course is undefined and the dynamics are not excited [m/s]
 
 
 class TimeSeries(NamedTuple):
-    """Values at increasing times."""
+    """Values of a signal at increasing times."""
 
     t: Array  # Increasing times [s], shape (n,)
     value: Array  # Values in SI units, shape (n,) or (n, 2)
@@ -60,17 +60,18 @@ class TimeSeries(NamedTuple):
 
 
 def fresh(series: TimeSeries) -> TimeSeries:
-    """Return the series without repeated values, which frozen or slow receivers produce."""
+    """Return the series without repeated values, which frozen or slow receivers produce. If fewer than `FEWEST` values
+    would remain, the series is unchanged."""
     new = np.diff(series.value.reshape(len(series.t), -1), axis=0).any(axis=1)
     kept = np.concatenate(([True], new))
     return TimeSeries(series.t[kept], series.value[kept]) if kept.sum() >= FEWEST else series
 
 
 def lone(t: Array, values: Values) -> Mask:
-    """Return a mask of the outliers in `values` (n,), real or complex, at times `t` (n,). Missing values are NaN.
+    """Return a mask of the outliers in `values` (n,), real or complex, at times `t` (n,) [s]. Missing values are NaN.
 
-    An outlier is far from the line between its neighbours, while the neighbours are not outliers. Repeated values count
-    once.
+    An outlier is far from the line between its neighbours, while the neighbours are not outliers. A sequence of
+    repeated values counts as one value.
     """
     known = np.flatnonzero(np.isfinite(values))
     starts = known[np.flatnonzero(np.diff(values[known], prepend=np.nan) != 0)]
@@ -89,7 +90,7 @@ def lone(t: Array, values: Values) -> Mask:
 
 
 def driven_places(position: TimeSeries, speed: TimeSeries) -> TimeSeries:
-    """Return the positions that the machine can reach at the recorded speed."""
+    """Return the positions without jumps that exceed the distance possible at the recorded speed."""
     t, places = position
     u = np.abs(np.interp(t, *speed))
     speeds = np.hypot(*np.diff(places, axis=0).T) / np.diff(t)
@@ -108,8 +109,8 @@ def turned_headings(heading: TimeSeries) -> TimeSeries:
 
 
 def without_jumps(series: TimeSeries, reach: Callable[[Index, Index], Array]) -> TimeSeries:
-    """Return points (n, 2) without temporary jumps and without points near permanent jumps. `reach(a, b)` returns the
-    maximum plausible distance between points a and b."""
+    """Return the points (n, 2) of a series without temporary jumps and without points near permanent jumps. `reach(a,
+    b)` returns the maximum plausible distance between the points with indices a and b."""
     t, places = series
     rows = np.arange(len(t))
 
@@ -149,13 +150,13 @@ def scatter(*series: Array) -> float:
 
 
 def longest_pause(t: Array) -> float:
-    """Return the minimum time without fixes that counts as a loss of position [s], for fixes at times `t` (n,)."""
+    """Return the time between fixes above which the position counts as lost [s], for fixes at times `t` (n,) [s]."""
     return max(LOST_S, 3 * float(np.median(np.diff(t))))
 
 
 def axle_speed(v: Array, yaw_rate: Array, ahead: float, left: float) -> Array:
-    """Return the rear-axle speed (n,) [m/s] from the speed `v` (n,) of a point at the distances `ahead` and `left` of
-    the axle centre [m]."""
+    """Return the rear-axle speed (n,) [m/s] from the speed `v` (n,) [m/s] of another point. The distances `ahead` and
+    `left` give the position of this point relative to the axle centre [m]."""
     found: Array = np.sign(v) * np.sqrt(np.maximum(v**2 - (ahead * yaw_rate) ** 2, 0.0)) + left * yaw_rate
     return found
 
@@ -168,7 +169,7 @@ def chords(position: TimeSeries, spacing: float) -> tuple[Array, Array]:
 
 
 def sharpened(series: TimeSeries, length: float) -> Array:
-    """Return the values corrected for averaging over `length` [s] in the sensor, to second order."""
+    """Return the values of a sensor, corrected to second order for averaging over `length` [s] in the sensor."""
     x, spacing = series.value, float(np.median(np.diff(series.t)))
     if not length or len(x) < 3:
         return x
@@ -180,7 +181,8 @@ def sharpened(series: TimeSeries, length: float) -> Array:
 
 
 def course_rate(position: TimeSeries, speed: TimeSeries) -> TimeSeries | None:
-    """Return the rate of the course at speeds above `LEAST_SPEED`, from cubic fits to windows of `COURSE_S`."""
+    """Return the rate of the course [rad/s] at speeds above `LEAST_SPEED`, from cubic fits over `COURSE_S`. Return None
+    for too few positions."""
     if (grid := _even(position.t, COURSE_S, 7)) is None:
         return None
     t, known, cubic = grid
@@ -202,7 +204,7 @@ def slope_of(series: TimeSeries) -> TimeSeries | None:
 
 
 def _even(t: Array, length_s: float, least: int) -> tuple[Array, Mask, dict[str, Any]] | None:
-    """Return evenly spaced times, a mask of times without a gap, and parameters of `savgol_filter`.
+    """Return evenly spaced times, a mask of the times away from gaps, and parameters of `savgol_filter`.
 
     The filter fits cubic polynomials to windows of `length_s` [s]. A gap is at least `SMOOTHING_S` long. The result is
     None if there are too few samples.

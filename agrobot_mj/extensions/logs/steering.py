@@ -1,4 +1,4 @@
-"""Steering relation of a log without tyre slip: centre, scale and latency of the sensor by regression.
+"""Relation between steering sensor and wheel angle without tyre slip: centre, scale and latency by regression.
 
 The wheel angle without slip, atan(L r / u), is computed from yaw rate r, speed u and wheelbase L. This angle is
 regressed on the raw sensor value, with the latency that explains the most variance. A sensor on one wheel or on a
@@ -31,7 +31,7 @@ LEAST_SIDE, SIDE_RAD = 0.1, radians(2.0)
 """Criteria for separate scales to the left and right: minimum fraction of samples on each side [-], and minimum wheel
 angle of these samples [rad]. Assumed values."""
 BLOCKS = 6  # Number of blocks into which a log is divided for standard errors by the jackknife
-CENTRES = 101  # Number of steering centres that a search evaluates
+CENTRES = 101  # Number of steering centres that each step of a search evaluates
 MOVED_DEG, SIGMAS = 1.0, 3.0
 """Minimum reported difference between steering centres: constant [deg], plus a number of standard errors [-]."""
 
@@ -39,7 +39,7 @@ MOVED_DEG, SIGMAS = 1.0, 3.0
 class RoughSteering(NamedTuple):
     """Relation between raw sensor value and wheel angle: one line, or two lines that meet at the centre."""
 
-    centre: float  # Sensor reading with the wheels straight ahead [unit of the sensor]
+    centre: float  # Sensor value with the wheels straight ahead [unit of the sensor]
     scale: float
     """Wheel angle per sensor unit when steering left [rad/unit], negative if sensor values increase to the right."""
     age: float  # Latency of the yaw rate relative to the steering [s]
@@ -52,12 +52,12 @@ class RoughSteering(NamedTuple):
         return np.where(angle < 0, self.right * angle, angle)
 
     def less_wheel(self, reading: Array, angle: Array) -> Array:
-        """Return the sensor values minus the effect of known wheel angles `angle` [rad]. Without errors, the result is
-        the steering centre [unit of the sensor]."""
+        """Return the raw sensor values minus the effect of known wheel angles `angle` [rad]. Without errors, the result
+        is the steering centre [unit of the sensor]."""
         return reading - np.where(angle < 0, angle / self.right, angle) / self.scale
 
     def angle(self, recording: FieldRecording) -> FieldRecording:
-        """Return the recording with wheel angles instead of sensor values. The left scale applies to both sides."""
+        """Return the recording with wheel angles instead of raw values. The left scale applies to both sides."""
         assert recording.steer is not None
         t, reading = recording.steer
         return recording._replace(steer=TimeSeries(t, self.scale * (reading - self.centre)))
@@ -66,15 +66,15 @@ class RoughSteering(NamedTuple):
 class SteeringCentre(NamedTuple):
     """Steering centre in a part of a log."""
 
-    value: float  # Sensor reading with the wheels straight ahead [unit of the sensor]
-    error: float  # Standard error of the value, from its scatter over blocks of the part [unit of the sensor]
+    value: float  # Sensor value with the wheels straight ahead [unit of the sensor]
+    error: float  # Standard error of the value, from the scatter between blocks of samples [unit of the sensor]
 
 
 class TurningSamples(NamedTuple):
     """Samples for the regression: raw sensor values, and wheel angles without slip from the yaw rate."""
 
-    reading: Array  # Readings for each latency in `AGES_S`, shape (latencies, n) [unit of the sensor]
-    angle: Array  # Wheel angle for the measured turn without slip [rad], shape (n,)
+    reading: Array  # Raw sensor values for each latency in `AGES_S`, shape (latencies, n) [unit of the sensor]
+    angle: Array  # Wheel angle that gives the measured yaw rate without slip [rad], shape (n,)
     weight: Array  # Weights of the samples, shape (n,)
 
 
@@ -101,7 +101,7 @@ def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughS
 
 
 def turning(pieces: Sequence[FieldRecording], wheelbase: float) -> TurningSamples | None:
-    """Return the regression samples of all segments, or None without samples."""
+    """Return the regression samples of all segments, or None if no segment has a yaw rate in motion."""
     found = [part for part in (_turning(piece, wheelbase) for piece in pieces) if part is not None]
     return TurningSamples(*(np.concatenate(each, axis=-1) for each in zip(*found, strict=True))) if found else None
 
@@ -119,7 +119,7 @@ def _turning(piece: FieldRecording, wheelbase: float) -> TurningSamples | None:
 
 
 def line_of(found: TurningSamples) -> RoughSteering:
-    """Return the regression line for the latency that explains the most variance."""
+    """Return the regression line of wheel angle over sensor value, for the latency that explains the most variance."""
     lines = (_line(reading, found.angle, found.weight) for reading in found.reading)
     (explained, scale, centre), age = max(zip(lines, map(float, AGES_S), strict=True))
     return RoughSteering(centre, scale, age, explained)
@@ -140,7 +140,7 @@ def _line(reading: Array, angle: Array, weight: Array) -> tuple[float, float, fl
 
 
 def two_sided(found: TurningSamples, line: RoughSteering) -> RoughSteering:
-    """Return two lines that meet at the centre if both scales differ significantly, otherwise `line`."""
+    """Return two lines that meet at the centre if the left and right scales differ significantly, otherwise `line`."""
     if min(np.mean(side * found.angle > SIDE_RAD) for side in (1, -1)) < LEAST_SIDE:
         return line
     samples = np.stack([found.reading[int(np.abs(AGES_S - line.age).argmin())], found.angle, found.weight])
@@ -153,7 +153,7 @@ def two_sided(found: TurningSamples, line: RoughSteering) -> RoughSteering:
 
 
 def _meeting(samples: Array, line: RoughSteering) -> RoughSteering:
-    """Return two lines that meet at angle zero, fitted to `samples` (3, n) by least squares."""
+    """Return two lines that meet at angle zero, fitted to `samples` (3, n): sensor value, angle and weight."""
     reading, angle, weight = samples
     kept, centre = np.ones(len(reading), dtype=bool), line.centre
     reach = 0.25 * float(np.ptp(reading))
@@ -186,7 +186,7 @@ def _slopes(samples: Array, centre: float, scale: float) -> tuple[float, float, 
 
 
 def centre_of(kept: Sequence[FieldRecording], wheelbase: float, rough: RoughSteering) -> SteeringCentre | None:
-    """Return the mean steering centre for the factors of `rough`, with its standard error, or None without samples."""
+    """Return the mean steering centre for `rough` with its standard error, or None without samples in motion."""
     if (found := turning(kept, wheelbase)) is None:
         return None
     read = found.reading[int(np.abs(AGES_S - rough.age).argmin())]

@@ -21,22 +21,26 @@ PLACES = {
     "ahead_m": ("ahead of the rear axle", "behind the rear axle"),
     "left_m": ("left of the middle", "right of the middle"),
 }
-"""Texts for positive and negative values of the antenna position, by key."""
+"""Texts for positive and negative coordinates of the antenna, by map key."""
 LIKE = {"deg": (40.0, 80.0), "rad": (1 / 80.0, 1 / 40.0)}
-"""Range of the steering scale that indicates a wrong angle unit [-], by the unit in the map."""
-LOOKAHEAD_M = 2.0  # Look-ahead distance of a pure-pursuit law for which the resulting lateral offset is reported [m]
-FOLLOWED = 0.05  # RMS speed residual divided by the mean speed above which the plant does not follow the speed [-]
+"""Range of the steering scale that indicates a wrong angle unit [-], by the unit in the column map."""
+LOOKAHEAD_M = 2.0
+"""Look-ahead distance of the pure-pursuit law for which the lateral offset due to sensor errors is reported [m]."""
+FOLLOWED = 0.05
+"""RMS speed residual, divided by the mean speed, above which the plant does not follow the recorded speed [-]."""
 SAME_GAIN = 0.05
-"""Minimum relative error of the yaw-rate gain that is reported [-]. It exceeds the errors of a measured wheelbase."""
+"""Minimum relative error of the yaw-rate gain that is reported [-], above the error of a measured wheelbase."""
 SLIPLESS = 0.5
-"""Ratio of the residual without slip to the plant residual below which the plant explains the residual [-]."""
+"""Residual of a model without slip, divided by the residual of the plant, below which the plant is reported as the
+cause of the difference [-]."""
 JUDGED_S = 10.0  # Minimum duration for evaluating a yaw-rate gain [s]: one or two bends
 WRONG_GAIN = 3.0  # Yaw-rate gain above which the unit of a sensor is wrong, not its scale [-]
 SAME_WAY_M, SAME_LENGTH, SAME_UNIT = 0.05, 0.01, 0.2
-"""Limits above which errors are reported: position error in a window [m], relative error of the track length [-], and
-relative error of the track length that indicates a wrong unit [-]."""
+"""Limits above which errors are reported: position error in a window [m], and relative error of the track length [-]. A
+track-length error above the third limit indicates a wrong unit [-]."""
 FAST_M_S = 2.5
-"""Minimum speed for identifying stiffnesses [m/s]. Assumed value, at which K u^2 is a few per cent of the wheelbase."""
+"""Minimum speed for identifying stiffnesses [m/s]. Assumed value, at which the understeer gradient times the squared
+speed is a few per cent of the wheelbase."""
 TIGHT = 0.15  # Minimum curvature of a tight bend [1/m]: a radius of 7 m
 QUICK_DEG_S = 10.0  # 95th percentile of the steering rate above which steering counts as quick [deg/s]
 
@@ -151,7 +155,7 @@ def _unit(c: Calibration) -> str:
 
 
 def advice(recordings: Sequence[FieldRecording], missing: Collection[str]) -> list[str]:
-    """Return advice on manoeuvres that identify the `missing` quantities (keys), or an empty list."""
+    """Return sentences about manoeuvres that identify the quantities with the keys `missing`, or an empty list."""
     (_, rate, bend), (slow, fast) = excitation(recordings), slow_and_fast(recordings)
     found = []
     if any("stiffness" in key for key in missing):
@@ -182,7 +186,7 @@ def advice(recordings: Sequence[FieldRecording], missing: Collection[str]) -> li
 
 
 def vehicle_sentences(found: IdentifiedVehicle, t: TractorParameters) -> Iterator[str]:
-    """Yield sentences about the reliability of an identified vehicle."""
+    """Yield sentences about the reliability of an identified vehicle and about its assumptions."""
     if not told_apart(found.found):
         yield "This log cannot separate front and rear stiffness; use the understeer gradient, which combines both."
     yield from advice(found.kept, [key for key, each in found.found.items() if not each.identified])
@@ -233,7 +237,8 @@ def replay_rows(m: Mapping[str, Any]) -> Iterator[tuple[str, float | None, str]]
 
 
 def doubts(found: ReplayResult, tractor: TractorParameters, scaled: bool = False) -> Iterator[str]:
-    """Yield warnings about plant limits and map errors. `scaled` states whether the scale of [steer] is calibrated."""
+    """Yield warnings about limits of the plant and errors of the column map. `scaled` states whether the scale of
+    [steer] is calibrated."""
     m = found.metrics
     angles = [np.abs(recording.steer.at(driven.t)) for recording, driven in found.pieces if recording.steer]
     if angles and (largest := degrees(max(each.max() for each in angles))) > tractor.steer_limit_deg:
@@ -270,7 +275,8 @@ def doubts(found: ReplayResult, tractor: TractorParameters, scaled: bool = False
 
 
 def _why(rate: dict[str, Any], scaled: bool) -> str:
-    """Return possible causes of a difference between the yaw rates of plant and recording."""
+    """Return possible causes of a difference between the yaw rates of plant and recording. `scaled` states whether the
+    scale of [steer] is calibrated."""
     off, slipless = rate["rms_without_bias"], rate["kinematic_rms_without_bias"]
     if slipless is not None and slipless < (1.0 if scaled else SLIPLESS) * off:
         return (

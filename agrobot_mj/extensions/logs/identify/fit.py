@@ -28,17 +28,18 @@ from agrobot_mj.extensions.logs.identify.windows import SPEED_CUT_OFF_HZ, WINDOW
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 
 MEMORY_S = 0.4
-"""Time span of the autoregressive model of residuals [s]. The model order is from `LEAST_ORDER` to `MOST_ORDER`."""
+"""Time span of the autoregressive model of residuals [s]. The model order is limited to `LEAST_ORDER` to
+`MOST_ORDER`."""
 LEAST_ORDER, MOST_ORDER = 2, 8
 SHORT = 12
-"""Number of evaluations of a second fit in the last round. This fit starts at the initial values and shows whether the
-first rounds, with their preliminary noise models, have led to a worse local minimum."""
+"""Maximum number of evaluations of a second fit in the last round. This fit starts at the initial values and detects
+whether the first rounds, with their preliminary noise models, have led to a worse local minimum."""
 ROUNDS = 3  # Number of rounds of whitening and fitting. Two rounds suffice for convergence.
 SLOW_S = 60.0
-"""Maximum time difference between windows with correlated errors [s], at most a third of the log."""
-DRAWS = 12  # Number of noise realisations added to the recorded angle and speed
+"""Maximum time difference between windows whose errors may be correlated [s], limited to a third of the log."""
+DRAWS = 12  # Number of noise realisations that are added to the recorded wheel angle and speed
 NUISANCE = ("gyro_offset", "heading_offset", "speed_error")
-"""Nuisance parameters, which are fitted if identifiable but not reported."""
+"""Sensor errors that are fitted if identifiable but are not reported."""
 
 
 class Prior(NamedTuple):
@@ -51,17 +52,17 @@ class Prior(NamedTuple):
 class Autoregression(NamedTuple):
     """Autoregressive model of the residuals in one channel."""
 
-    coefficients: Array  # Coefficients of the last p values, shape (p,)
+    coefficients: Array  # Coefficients of the last p residuals, the most recent first, shape (p,)
     sigma: float  # Standard deviation of the innovations
 
 
 class VehicleFit(NamedTuple):
-    """Fitted parameters with their covariance."""
+    """Fitted vehicle and sensor parameters with their covariance."""
 
     names: tuple[str, ...]
-    value: Array  # Values of the parameters `names` [SI, rad]
+    value: Array  # Fitted values of the parameters `names` [SI, rad]
     covariance: Array
-    freedom: int  # Degrees of freedom of the intervals: number of windows minus one
+    freedom: int  # Degrees of freedom of the Student t intervals: number of windows minus one
 
     @property
     def errors(self) -> dict[str, float]:
@@ -75,7 +76,7 @@ class VehicleFit(NamedTuple):
 
 
 def whitened(series: Array, noise: Autoregression) -> Array:
-    """Return the innovations of series (windows, n, ...) for an autoregressive model, divided by their standard
+    """Return the innovations of `series` (windows, n, ...) under an autoregressive model, divided by their standard
     deviation. The first p samples are omitted, where p is the model order."""
     a, p = noise.coefficients, len(noise.coefficients)
     n = series.shape[1]
@@ -87,7 +88,7 @@ def whitened(series: Array, noise: Autoregression) -> Array:
 
 
 def noise_of(residuals: Array, spacing: float) -> Autoregression:
-    """Return an autoregressive model with time span `MEMORY_S` for residuals (windows, n, ...) at a `spacing` [s]."""
+    """Fit an autoregressive model of time span `MEMORY_S` to residuals (windows, n, ...) at a `spacing` [s]."""
     if residuals.ndim == 3:
         residuals = np.concatenate([residuals[..., 0], residuals[..., 1]])
     order, n = int(np.clip(round(MEMORY_S / spacing), LEAST_ORDER, MOST_ORDER)), residuals.shape[1]
@@ -98,7 +99,7 @@ def noise_of(residuals: Array, spacing: float) -> Autoregression:
 
 
 class Problem:
-    """Nonlinear least-squares problem with a noise model for each channel."""
+    """Nonlinear least-squares problem of a vehicle fit, with a noise model for each measured channel."""
 
     def __init__(self, data: VehicleData, names: Sequence[str], noise: Mapping[str, Autoregression]) -> None:
         self.data, self.names, self.noise = data, tuple(names), noise
@@ -113,7 +114,8 @@ class Problem:
         return [motion(p, self.data, piece) for piece in self.data.pieces]
 
     def _freedoms(self) -> Iterator[tuple[str, list[Array]]]:
-        """Yield each channel with free initial values, and its derivatives with respect to the initial values."""
+        """Yield the name of each channel whose initial value is free in every window, and the derivatives of the
+        channel with respect to these initial values."""
         if heading := self.data.channels.get("heading"):
             yield "heading", [np.ones_like(heading.value)]
         if position := self.data.channels.get("position"):
@@ -128,7 +130,8 @@ class Problem:
         return np.linalg.qr(np.stack(white, axis=2))[0]
 
     def blocks(self, x: Array) -> Array:
-        """Return whitened residuals (windows, samples) without the components due to initial values of windows."""
+        """Return the whitened residuals (windows, samples) for parameters `x`, without the components that free initial
+        values of the windows can explain."""
         p = dict(zip(self.names, x.tolist(), strict=True))
         model, parts = predictions(p, self.data, self.motions(tuple(x[self.dynamic].tolist()))), []
         for name, channel in self.data.channels.items():
@@ -140,7 +143,7 @@ class Problem:
 
 
 class _Units(NamedTuple):
-    """Bounds, initial values, scales and priors of the fitted parameters, shape (n,) each."""
+    """Bounds, initial values, scales and priors of the n fitted parameters. Each array has shape (n,)."""
 
     low: Array
     high: Array
@@ -151,7 +154,7 @@ class _Units(NamedTuple):
     """Scale of each parameter divided by the standard deviation of its prior, or 0 if there is no prior."""
 
     def known(self, x: Array) -> Array:
-        """Return the weighted differences between parameters `x` and their prior means, as residuals."""
+        """Return the differences between `x` and the prior means, divided by the prior standard deviations."""
         off: Array = self.weight * (x - self.mean) / self.scale
         return off
 
@@ -169,7 +172,8 @@ def _units(names: Sequence[str], mass: float, priors: Mapping[str, Prior]) -> _U
 
 
 def fit(data: VehicleData, names: Sequence[str], priors: Mapping[str, Prior] | None = None) -> VehicleFit:
-    """Fit the parameters `names`, which are keys of `PARAMETERS`, in three rounds of fitting and whitening."""
+    """Fit vehicle and sensor parameters to recordings in three rounds of fitting and whitening. `names` are keys of
+    `PARAMETERS`. `priors` contains normal priors by parameter name."""
     names = tuple(dict.fromkeys((*names, *(n for n in NUISANCE if _seen(n, data)))))
     units = _units(names, data.chassis.mass, priors or {})
     scale, x = units.scale, units.start
@@ -195,7 +199,7 @@ def fit(data: VehicleData, names: Sequence[str], priors: Mapping[str, Prior] | N
 
 
 def _minimum(problem: Problem, units: _Units, start: Array, ftol: float, evaluations: int = 60) -> OptimizeResult:
-    """Return the local minimum of the squared residuals near `start`, as scaled parameters.
+    """Minimise the squared residuals, starting from `start`. The result contains scaled parameters.
 
     The parameters are scaled, because the tolerance of the solver applies to their norm.
     """
@@ -212,7 +216,8 @@ def _minimum(problem: Problem, units: _Units, start: Array, ftol: float, evaluat
 
 
 def _jacobian(problem: Problem, x: Array, units: _Units) -> Array:
-    """Return the derivative of `blocks` with respect to the scaled parameters, shape (windows, samples, parameters)."""
+    """Return the derivatives of `Problem.blocks` with respect to the scaled parameters, shape (windows, samples,
+    parameters)."""
     columns = []
     for k, step in enumerate(0.05 * units.scale):
         up, down = x.copy(), x.copy()
@@ -222,14 +227,15 @@ def _jacobian(problem: Problem, x: Array, units: _Units) -> Array:
 
 
 def _bootstrap(J: Array, r: Array, information: Array, known: Array) -> Array:
-    """Return the covariance of the parameters by a block bootstrap in closed form.
+    """Return the covariance of the scaled parameters by a block bootstrap in closed form.
 
     The bootstrap resamples the residuals of complete windows, with all channels together. The covariance thus includes
     correlations that the autoregression misses, and correlations between channels. The residuals of a window come from
-    a fit without this window, because a fit to few windows underestimates its own residuals. The variance of the sum
-    over windows w of J_w' r_v (v: a random window) is the sum over w of the mean over v of (J_w' r_v)(J_w' r_v)'.
-    Priors add their information. If neighbouring windows are correlated (slow errors of two antennas), variances are
-    increased by the autocorrelations up to `SLOW_S`, with Bartlett's window [NeweyWest1987].
+    a fit without this window, because a fit to few windows underestimates its own residuals. Let J_w be the Jacobian of
+    window w, and r_v the residuals of a random window v. The variance of sum_w J_w' r_v is sum_w mean_v (J_w' r_v)(J_w'
+    r_v)'. The inverse variances `known` of the priors are added. If neighbouring windows are correlated (slow errors of
+    two antennas), variances are increased by the autocorrelations up to `SLOW_S`, with Bartlett's window
+    [NeweyWest1987].
     """
     left_out = np.stack([e + j @ np.linalg.solve(information - j.T @ j, j.T @ e) for j, e in zip(J, r, strict=True)])
     g = np.einsum("wnp,vn->wvp", J, left_out)
@@ -282,7 +288,7 @@ def _with_noise(
 
 
 def _seen(nuisance: str, data: VehicleData) -> bool:
-    """Return whether the available channels identify a parameter of `NUISANCE`."""
+    """Return whether the measured channels identify a parameter of `NUISANCE`."""
     needs = {"gyro_offset": {"yaw_rate"}, "speed_error": {"position"}, "heading_offset": {"heading", "position"}}
     return needs[nuisance] <= set(data.channels)
 
@@ -295,7 +301,7 @@ RELAXATION = Prior(1.0, 1.0)
 BACKLASH = Prior(0.0, radians(1.5))  # Prior of the steering play [rad]
 SPEED_ERROR = Prior(0.0, 0.02)  # Prior of the relative error of the speed [-]
 DELAY_S = 0.3  # Prior standard deviation of a latency [s]
-PLACE_M = 0.5  # Prior standard deviation of the antenna position relative to its position in the map [m]
+PLACE_M = 0.5  # Prior standard deviation of the antenna position relative to its position in the column map [m]
 LEAN_S2 = Prior(0.02, 0.03)
 """Prior of the outward antenna shift due to roll, divided by the lateral acceleration [s2]. The ratio is 0 with tilt
 correction, 0.014 for the compact tractor and 0.045 for a narrow tractor."""
@@ -304,7 +310,7 @@ CENTRE, SCALE = Prior(0.0, radians(5.0)), Prior(1.0, 0.2)
 
 
 def priors(tractor: TractorParameters, age: float) -> dict[str, Prior]:
-    """Return the priors by parameter name. `age` is the latency estimated by `RoughSteering` [s]."""
+    """Return the priors by parameter name. `age` is the latency of the yaw rate relative to the steering [s]."""
     weight, front = tractor.mass_kg * GRAVITY, tractor.front_load_fraction
     found = {
         f"{axle}_compliance": Prior(SLIP_AT_LOAD.mean / load, SLIP_AT_LOAD.sigma / load)

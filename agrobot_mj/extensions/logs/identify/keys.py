@@ -28,7 +28,7 @@ from agrobot_mj.extensions.logs.replay.result import on_wide_ground, reach
 from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.scenario.schema import Scenario
 
-RANGE = 4.0  # Maximum ratio of a fitted value to the initial value, and of the initial value to a fitted one [-]
+RANGE = 4.0  # Maximum ratio between a fitted value and its initial value, in both directions [-]
 STEP = 0.01  # Relative change of a value for finite differences [-]: large compared with contact noise
 Residuals = dict[tuple[str, int, int], Array]
 """Residuals by channel, segment and window number. The number of residuals is independent of the fitted keys."""
@@ -37,8 +37,8 @@ Residuals = dict[tuple[str, int, int], Array]
 class FittedKeys(NamedTuple):
     """Result of a fit of scenario keys to logs."""
 
-    found: dict[str, Quantity]  # Fitted values by key, with intervals from fits without one window
-    toolbox: dict[str, float]  # Half widths of the intervals that MuJoCo's toolbox computes, by key
+    found: dict[str, Quantity]  # Fitted values by scenario key, with intervals from a jackknife over windows
+    toolbox: dict[str, float]  # Half widths of the intervals that MuJoCo's toolbox computes, by scenario key
     windows: int
     rms: dict[str, tuple[float, float]]
     """RMS residual of each channel with the initial values and with the fitted values [rad/s or m]."""
@@ -54,7 +54,7 @@ class _Problem:
         self.weights: dict[str, float] = {}
 
     def residuals(self, x: Array) -> Residuals:
-        """Return the unweighted residuals for the unknowns `x`."""
+        """Return the unweighted residuals of replays with the unknowns `x`."""
         values = (x * list(self.start.values())).tolist()
         scenario = self.scenario.changed(dict(zip(self.start, values, strict=True)))
         found = Residuals()
@@ -77,7 +77,8 @@ def fit_keys(
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> FittedKeys:
-    """Fit scenario keys to logs. Initial values are those of `scenario`. Raises `FieldLogError` or `ScenarioError`."""
+    """Fit the scenario keys `names` to logs, starting from the values of `scenario`. Raises `FieldLogError` for an
+    unsuitable log, `ScenarioError` for an invalid key."""
     required("absl", "sysid", "a fit of scenario keys")
     toolbox = required("mujoco.sysid", "sysid", "a fit of scenario keys")
     start = start_values(scenario, names)
@@ -110,7 +111,7 @@ def fit_keys(
 
 
 def start_values(scenario: Scenario, names: Sequence[str]) -> dict[str, float]:
-    """Return the values of scenario keys. Raises `ScenarioError` if a value is zero or not a number."""
+    """Return the values of the scenario keys `names`. Raises `ScenarioError` if a value is zero or not a number."""
     known = {name: float(each) for name, each in flat(scenario.model_dump()) if isinstance(each, int | float)}
     if key := next((name for name in names if not known.get(name)), ""):
         near = suggestion(key, list(known)) if key not in known else ""

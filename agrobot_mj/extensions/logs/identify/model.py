@@ -22,7 +22,7 @@ from scipy.signal import lfilter
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
 
-STEP_S = 0.01  # Maximum time step of the model [s]: with SDIRK2 the relative error of the yaw rate is 1e-4 at 1 Hz
+STEP_S = 0.01  # Time step of the model [s]: with SDIRK2 the relative error of the yaw rate is 1e-4 at 1 Hz
 GAMMA = 1.0 - 0.5 * 2.0**0.5  # Coefficient of SDIRK2 that makes it L-stable [-]
 SHORTEST_RELAXATION_M = 1e-4  # Minimum relaxation length [m]
 
@@ -34,7 +34,7 @@ class Chassis2(NamedTuple):
     inertia: float  # Yaw inertia [kg m2]
     l_f: float  # Distance of the front axle ahead of the CG [m]
     l_r: float  # Distance of the rear axle behind the CG [m]
-    small_angles: bool  # Whether small steering angles are assumed, as in the bicycle model of the paper
+    small_angles: bool  # Whether the model assumes small steering angles: cos d = 1 and sin d = d
 
 
 class Lateral(NamedTuple):
@@ -47,7 +47,7 @@ class Lateral(NamedTuple):
 
 
 class LateralMotion(NamedTuple):
-    """Simulated motion at every time step, shape (n,) each."""
+    """Simulated motion of the vehicle. Each array has shape (n,), with one value per time step."""
 
     yaw_rate: Array  # Yaw rate [rad/s]
     yaw: Array  # Heading relative to the first step [rad]
@@ -57,8 +57,8 @@ class LateralMotion(NamedTuple):
 
 
 def wheel_angle(steer: Array, dt: float, backlash: float, lag: float) -> Array:
-    """Return the wheel angle [rad] for sensor angles at steps `dt` [s]. The wheels follow the sensor with a play of
-    width `backlash` [rad] and a first-order lag `lag` [s]."""
+    """Return the wheel angle [rad] for recorded angles `steer` [rad] at time steps `dt` [s]. The wheels follow the
+    recorded angle with a play of width `backlash` [rad] and a first-order lag `lag` [s]."""
     angle, keep = np.empty_like(steer), exp(-dt / lag) if lag > 1e-4 else 0.0
     play(steer, 0.5 * max(backlash, 0.0), inf, angle)
     lagged: Array = lfilter([1.0 - keep], [1.0, -keep], angle, zi=[keep * angle[0]])[0]
@@ -67,10 +67,10 @@ def wheel_angle(steer: Array, dt: float, backlash: float, lag: float) -> Array:
 
 @kernel
 def play(angle: Array, half: float, centred: float, out: Array) -> None:
-    """Apply a play of half width `half` [rad] to `angle` (n,). Write the result to `out` (n,), which is constant within
-    the play.
+    """Apply a play of half width `half` [rad] to `angle` (n,) [rad]. Write the result to `out` (n,), which is constant
+    within the play.
 
-    A previous result beyond `centred` [rad] first returns to `centred`, as far as the play allows.
+    Before each step, an absolute output above `centred` [rad] returns to `centred`, as far as the play allows.
     """
     out[0] = angle[0]
     for k in range(1, angle.shape[0]):
@@ -87,7 +87,8 @@ def simulate(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: floa
 
 @kernel
 def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float, out: Array) -> None:
-    """Integrate the model. Write yaw rate, yaw, x, y and lateral velocity of R to the rows of `out` (5, n)."""
+    """Integrate the vehicle model with time step `dt` [s]. Write yaw rate, yaw, x, y and lateral velocity of the
+    rear-axle point R to the rows of `out` (5, n)."""
     m, I_z, l_f, l_r = chassis.mass, chassis.inertia, chassis.l_f, chassis.l_r
     C_f, C_r = tyres.C_f, tyres.C_r
     s_f, s_r = max(tyres.sigma_f, SHORTEST_RELAXATION_M), max(tyres.sigma_r, SHORTEST_RELAXATION_M)

@@ -20,12 +20,13 @@ from agrobot_mj.extensions.logs.identify.model import STEP_S, Lateral, LateralMo
 from agrobot_mj.extensions.logs.identify.windows import CUT_OFF_HZ, FitPiece, VehicleData, smoothed
 from agrobot_mj.extensions.logs.series import axle_speed
 
-MASS_KG = 750.0  # Mass of the tractor for which `DYNAMICS` contains the compliances [kg]
-Channels = dict[str, Array]  # Values by channel, shape (windows, n), or (windows, n, 2) for positions
+MASS_KG = 750.0  # Tractor mass to which the compliances in `DYNAMICS` refer [kg]
+Channels = dict[str, Array]
+"""Measured or predicted values by channel name, shape (windows, n), or (windows, n, 2) for positions."""
 
 
 class Parameter(NamedTuple):
-    """Initial value, bounds and scale of a parameter to be fitted."""
+    """Initial value, bounds and scale of a fitted parameter."""
 
     start: float
     low: float
@@ -42,8 +43,8 @@ SENSORS = {
     "left_m": Parameter(0.0, -10.0, 10.0, 0.05),
     "lean_s2": Parameter(0.01, -0.05, 0.3, 0.01),
 }
-"""Sensor parameters. If the recorded speed is that of the antenna, the antenna position (relative to the map) and the
-heading latency also affect the simulated motion. Body roll shifts the antenna outwards by `lean_s2` times the
+"""Sensor parameters. If the recorded speed is the speed of the antenna, the antenna position (relative to the map) and
+the heading latency also affect the simulated motion. Body roll shifts the antenna outwards by `lean_s2` times the
 lateral acceleration."""
 DYNAMICS = {
     "front_compliance": Parameter(5e-5, 0.0, 2e-3, 1e-5),
@@ -59,7 +60,7 @@ DYNAMICS = {
     "speed_error": Parameter(0.0, -0.3, 0.3, 0.01),
     "speed_delay_s": Parameter(0.0, -1.5, 1.5, 0.02),
 }
-"""Parameters that always affect the simulated motion."""
+"""Parameters of tyres, steering and recorded speed, which always affect the simulated motion."""
 PARAMETERS = SENSORS | DYNAMICS
 """All identifiable parameters [SI, rad]. Compliances are for a tractor of `MASS_KG` and scale with the mass."""
 
@@ -71,7 +72,7 @@ def dynamics_of(data: VehicleData) -> set[str]:
 
 
 def motion(p: Mapping[str, float], data: VehicleData, piece: FitPiece) -> LateralMotion:
-    """Simulate the motion in a segment with the parameters `p`."""
+    """Simulate the motion in a segment with the parameters `p`, from the recorded wheel angle and speed."""
     recorded = piece.steer
     if later := p.get("steer_delay_s"):
         recorded = Akima1DInterpolator(piece.t, recorded, extrapolate=True)(piece.t - later)
@@ -89,13 +90,13 @@ def motion(p: Mapping[str, float], data: VehicleData, piece: FitPiece) -> Latera
 
 
 def sensed(p: Mapping[str, float], recorded: Array) -> Array:
-    """Return the true steering angles [rad] for recorded angles, with the fitted scale and offset."""
+    """Return the true wheel angles [rad] for recorded angles [rad], with the offset and the scales in `p`."""
     angle = p.get("steer_scale", 1.0) * recorded - p.get("steer_offset", 0.0)
     return np.where(angle < 0, p.get("steer_right", 1.0) * angle, angle)
 
 
 def speed(p: Mapping[str, float], piece: FitPiece) -> Array:
-    """Return the speed of the rear axle at the time steps of the model [m/s]."""
+    """Return the speed of the rear axle at the time steps of the model [m/s], corrected with the parameters `p`."""
     found: Array = (1.0 + p.get("speed_error", 0.0)) * np.interp(
         piece.t + p.get("speed_delay_s", 0.0), piece.t, piece.u
     )
@@ -106,14 +107,14 @@ def speed(p: Mapping[str, float], piece: FitPiece) -> Array:
 
 
 def _place(p: Mapping[str, float], piece: FitPiece) -> tuple[float, float]:
-    """Return the distances [m] of the antenna ahead and to the left of the rear-axle centre."""
+    """Return the fitted distances of the antenna ahead and to the left of the rear-axle centre [m]."""
     ahead, left, _ = piece.recording.arm
     return ahead + p.get("ahead_m", 0.0), left + p.get("left_m", 0.0)
 
 
 def predictions(p: Mapping[str, float], data: VehicleData, m: Sequence[LateralMotion] | None = None) -> Channels:
-    """Return the predicted values by channel. Positions and headings are aligned with the recording in each window. `m`
-    is the simulated motion of each segment; if None, it is simulated first."""
+    """Return the predicted values by channel name. Positions and headings are aligned with the recording in each
+    window. `m` is the simulated motion of each segment. If `m` is None, the motion is simulated first."""
     m = [motion(p, data, piece) for piece in data.pieces] if m is None else m
     each = [_of_piece(p, data, piece, moved) for piece, moved in zip(data.pieces, m, strict=True)]
     return {name: np.concatenate([part[name] for part in each]) for name in data.channels}
@@ -148,15 +149,15 @@ def _dead_reckoned(p: Mapping[str, float], piece: FitPiece, m: LateralMotion) ->
 
 
 def _point(p: Mapping[str, float], piece: FitPiece, side: Array, x: Array, y: Array, yaw: Array) -> tuple[Array, Array]:
-    """Return the east and north coordinates of the antenna [m] for rear-axle positions x, y [m], headings `yaw` [rad]
-    and lateral accelerations `side` [m/s2]."""
+    """Return the east and north coordinates of the antenna [m] for rear-axle positions `x`, `y` [m], headings `yaw`
+    [rad] and lateral accelerations `side` [m/s2]."""
     (ahead, left), c, s = _place(p, piece), np.cos(yaw), np.sin(yaw)
     beside = left - p.get("lean_s2", 0.0) * side
     return x + ahead * c - beside * s, y + ahead * s + beside * c
 
 
 def laid(points: Array, onto: Array, turned: bool) -> Array:
-    """Shift `points` (windows, n, 2), and rotate them if `turned`, in each window to fit the points `onto`."""
+    """Return `points` (windows, n, 2), shifted and, if `turned`, rotated in each window to fit the points `onto`."""
     a, b = (each[..., 0] + 1j * each[..., 1] for each in (points, onto))
     middle = b.mean(axis=1, keepdims=True)
     a, b = a - a.mean(axis=1, keepdims=True), b - middle

@@ -1,10 +1,10 @@
 """Identification of the steering from a run: valve (dead band, gains, rate limit, time constant, delay) and backlash.
 
-The steering model is that of the simulator: `hydraulics.valve_step` at 2 ms with the logged voltage, constant in each
-tick, a rigid cylinder, and play between the cylinder and the wheels. The simulated angle, averaged over a tick as in
-the potentiometer, is compared with `steer_measured` in windows of 5 s. Each window has a separate offset, which removes
-the effect of earlier motion. Least squares fits all parameters at once, with an initial delay from a grid. The delay
-may be a fraction of a step.
+The steering model comes from the simulator: `hydraulics.valve_step` at 2 ms with the logged voltage, constant in each
+tick. The cylinder is rigid, and there is play between the cylinder and the wheels. The simulated angle, averaged over a
+tick as in the potentiometer, is compared with `steer_measured` in windows of 5 s. Each window has a separate offset,
+which removes the effect of earlier motion. Least squares fits all parameters at once, with an initial delay from a
+grid. The delay may be a fraction of a step.
 
 A run only identifies excited parameters. The rate limit is None unless the valve reached this limit. The backlash is
 None unless the run excites the play. Friction holds the wheels within the play. In a bend, above a fitted angle, the
@@ -42,23 +42,23 @@ UNEVEN = 0.5  # Maximum deviation of a time step from the median step, divided b
 STEPS_PER_TICK = 25  # Number of model steps per tick: 2 ms steps in a 50 ms tick
 WINDOW_S = 5.0  # Length of a window [s]: longer than delay and lag, shorter than slow unmodelled effects
 LEAST_WINDOWS = 4  # Minimum number of windows for a fit
-LEAST_MOTION_DEG = 0.5  # RMS motion below which a window contains only noise [deg]
+LEAST_MOTION_DEG = 0.5  # Minimum RMS motion of the steering within windows for a fit [deg]
 NEAR_STOP_DEG = 1.0  # Distance from the steering stops below which a window is omitted [deg]
 UNLIMITED_L_MIN = 1e4  # Pump flow that does not limit the steering rate [l/min]
 SURE, PRECISE = 50.0, 0.1
 """Criteria for an identified rate limit or backlash [-]: minimum reduction of chi squared, and maximum standard error
-divided by the value."""
+divided by the fitted value."""
 LEAST_EXPLAINED = 0.5
 """Minimum fraction of the angle variance that a valid fit explains [-]. Assumed value: typical runs give 0.99."""
-COLUMNS = ("t", "valve_voltage", "steer_measured")  # Columns of `signals.parquet` that the fit uses
+COLUMNS = ("t", "valve_voltage", "steer_measured")  # Columns of the file `signals.parquet` that the fit uses
 NAMES = (
     *("dead_band_v", "gain_left_l_min_v", "gain_right_l_min_v", "time_constant_s", "delay_s"),
     *("rate_limit_deg_s", "backlash_deg"),
 )
 """Names of the reported parameters, in the order of the parameter vector."""
 VALVE, RATE_LIMIT, BACKLASH, CENTRED = tuple(range(5)), 5, 6, 7
-"""Parameter indices: valve parameters of every fit, and three optional parameters. `CENTRED` is the angle above which
-the tyres press the linkage to one side of its play [deg]."""
+"""Indices in the parameter vector: valve parameters of every fit, and three optional parameters. `CENTRED` is the angle
+above which the tyres press the linkage to one side of its play [deg]."""
 LOW = np.array((0.0, 0.001, 0.001, 0.002, 0.0, 0.1, 0.0, 0.0))
 HIGH = np.array((5.0, 50.0, 50.0, 2.0, 1.0, 500.0, 20.0, 90.0))
 SCALE = np.array((0.1, 1.0, 1.0, 0.05, 0.05, 10.0, 0.5, 2.0))
@@ -87,7 +87,7 @@ class Identified(NamedTuple):
 class Fitted(NamedTuple):
     """Result of one least-squares fit of the valve."""
 
-    p: Array  # All parameters, shape (8,). A rate limit that is not identified is infinite, such a backlash is 0.
+    p: Array  # All parameters, shape (8,), with an infinite rate limit and zero backlash if these are not identified
     free: tuple[int, ...]  # Indices of the fitted parameters
     result: OptimizeResult  # Result of `scipy.optimize.least_squares`
 
@@ -96,7 +96,7 @@ class Data(NamedTuple):
     """Measurements used to fit the valve."""
 
     voltage: Array  # Valve voltage, constant in each tick, shape (n,) [V]
-    measured: Array  # Measured angle, averaged over the preceding tick, shape (windows, ticks) [rad]
+    measured: Array  # Measured steering angle, averaged over the preceding tick, shape (windows, ticks) [rad]
     kept: Array  # Mask of the windows that `measured` contains, shape (complete windows,)
     tick: float  # Length of a tick [s]
     displacement: float  # Oil volume of the cylinder divided by the steering angle [m3/rad]
@@ -139,7 +139,7 @@ def _with_play(data: Data, fit: Fitted) -> Fitted:
 
 def _better(data: Data, fit: Fitted, extra: tuple[int, ...], starts: Sequence[tuple[float, ...]]) -> Fitted:
     """Return a fit that includes the parameters `extra`, started from the best of the initial values in `starts`.
-    Return `fit` if the first of these parameters is not identified."""
+    Return the fit without these parameters if the first of them is not identified."""
 
     def begun(start: tuple[float, ...]) -> Array:
         p = fit.p.copy()
@@ -189,7 +189,7 @@ def _tick(name: str, t: Array) -> float:
 
 @kernel
 def respond(law: ValveLaw, memory: ValveMemory, voltage: Array, dt: float, oil: Array) -> None:
-    """Simulate the valve for a `voltage` per tick (n,) [V]. Write the oil volumes to `oil` (n * steps + 1,) [m3]."""
+    """Simulate the valve for the `voltage` (n,) of each tick [V]. Write oil volumes to `oil` (n * steps + 1,) [m3]."""
     oil[0], steps = 0.0, (oil.shape[0] - 1) // voltage.shape[0]
     for k in range(oil.shape[0] - 1):
         oil[k + 1] = oil[k] + valve_step(law, memory, voltage[k // steps]) * dt
@@ -273,7 +273,7 @@ def _variance(fit: Fitted, data: Data) -> float:
 
 
 def _errors(fit: Fitted, data: Data) -> Array:
-    """Return the standard errors of the fitted parameters. Undetermined parameters have very large standard errors."""
+    """Return the standard errors of the fitted parameters, which are very large for undetermined parameters."""
     information = fit.result.jac.T @ fit.result.jac / _variance(fit, data)
     errors: Array = np.sqrt(np.diag(np.linalg.inv(information + 1e-12 * np.eye(len(fit.free)))))
     return errors
@@ -284,5 +284,5 @@ def _fastest(p: Array, data: Data) -> float:
 
 
 def rate_of(flow_l_min: float, cylinder: Cylinder) -> float:
-    """Return the steering rate [deg/s] for an oil flow `flow_l_min` [l/min]."""
+    """Return the steering rate [deg/s] for an oil flow `flow_l_min` [l/min] into the cylinder."""
     return degrees(flow_l_min * LITRE_PER_MINUTE / cylinder.displacement)

@@ -32,7 +32,7 @@ CHOICES = {
     "lag": "steer_lag_s",
     "backlash": "backlash",
 }
-"""Names of the fitted parameters, by name in the option `--fit`."""
+"""Names of the fitted parameters for each choice of the option `--fit`."""
 DEFAULT = ("front", "rear", "relaxation", "offset", "delay", "backlash")
 """Default of `--fit`, with delay but without lag, because slow steering does not separate lag and delay."""
 LEAST_WINDOWS = 6  # Minimum number of windows for a fit: half a minute of driving at speed
@@ -42,10 +42,11 @@ LEAST_EXPLAINED = 0.5
 SEPARABLE = 0.5
 """Maximum half width of the interval of an identified stiffness, divided by the stiffness [-]. Assumed value."""
 PLAUSIBLE = 1.0, 60.0
-"""Plausible range of cornering stiffness divided by axle load [1/rad]. Assumed values: 2-10 on soil, 5-25 on roads."""
+"""Plausible range of cornering stiffness divided by axle load [1/rad]. Assumed values, wider than the usual ranges of
+2-10 on soil and 5-25 on roads."""
 MORE_INERTIA, MORE_IN_FRONT = 0.1, 0.02
-"""Typical errors of the yaw inertia and front load fraction derived from the machine size [-]. Assumed values."""
-AGE = Prior(0.0, 0.1)  # Prior of latencies that are not given by the map: of speed, heading and position [s]
+"""Typical relative error of the yaw inertia, and absolute error of the front load fraction [-]. Assumed values."""
+AGE = Prior(0.0, 0.1)  # Prior of the latencies of speed, heading and position, relative to the column map [s]
 AGES = ("speed_delay_s", "heading_delay_s", "position_delay_s")
 RATE_S = 1.0  # Interval in which a heading difference gives a mean yaw rate [s]
 
@@ -55,16 +56,20 @@ class NothingExplainedError(ScenarioError):
 
 
 class IdentifiedVehicle(NamedTuple):
-    """Result of a vehicle identification."""
+    """Result of the identification of a vehicle from logs."""
 
-    found: dict[str, Quantity]  # Identified quantities by key. Keys end with the unit.
+    found: dict[str, Quantity]  # Identified quantities by key. The end of a key is the unit.
     windows: int
-    explained: float  # Fraction of the yaw-rate variance that the fit explains in the test part of the log [-]
-    residual_deg_s: float  # RMS residual of the fit in the test part of the log [deg/s]
-    kinematic_deg_s: float  # RMS residual of a model without slip at the recorded angle [deg/s], in the test part
+    explained: float
+    """Fraction of the yaw-rate variance in the test part of the log that the fit explains [-]. If only positions are
+    measured, the fraction applies to the position."""
+    residual_deg_s: float
+    """RMS yaw-rate residual of the fit in the test part of the log [deg/s], or RMS position residual [m] if only
+    positions are measured."""
+    kinematic_deg_s: float  # RMS residual of a model without slip in the test part of the log [deg/s or m]
     moved: dict[str, tuple[float, float]]
-    """Factors on front and rear stiffness for a typical error of each quantity that the scenario does not set [-], by
-    description of the error."""
+    """Factors by which front and rear stiffness change with a typical error of an assumed quantity [-], by description
+    of the error. Contains the quantities that the scenario does not set."""
     geometry: str  # Geometry of the steering model: `small angles` or `tangent`
     notes: tuple[str, ...]  # Notes about the parts of the logs that are used
     kept: tuple[FieldRecording, ...]  # Segments of the logs that are used
@@ -121,13 +126,13 @@ def told_apart(found: Found) -> bool:
 
 
 def chassis_of(scenario: Scenario) -> Chassis2:
-    """Return the known vehicle parameters of a scenario."""
+    """Return mass, yaw inertia and axle positions of a scenario, and whether its plant assumes small angles."""
     t, small = scenario.tractor, isinstance(scenario.plant, Bicycle)
     return Chassis2(t.mass_kg, t.yaw_inertia_kg_m2, t.cg_to_front_axle, t.cg_to_rear_axle, small)
 
 
 def _other_chassis(scenario: Scenario, chassis: Chassis2) -> Iterator[tuple[str, Chassis2]]:
-    """Yield the description of a typical error, and the vehicle parameters with this error, for each quantity that the
+    """Yield the description of a typical error and the vehicle parameters with this error, for each quantity that the
     scenario does not set."""
     given, shift = scenario.tractor.model_fields_set, MORE_IN_FRONT * (chassis.l_f + chassis.l_r)
     if "yaw_inertia_kg_m2" not in given:
@@ -144,7 +149,7 @@ def _ratio(before: Mapping[str, float], after: Mapping[str, float], axle: str) -
 
 
 def _ages(data: VehicleData) -> list[str]:
-    """Return the names of the latencies to fit. These latencies are relative to the first channel."""
+    """Return the names of the latencies to fit. These latencies are relative to the first measured channel."""
     later = [f"{name}_delay_s" for name in list(data.channels)[1:]]
     return [*later, "speed_delay_s"] if "position" in data.channels else later
 
@@ -169,7 +174,8 @@ def check_stiffness(name: str, found: dict[str, Quantity], chassis: Chassis2) ->
 
 
 def fitted_parameters(names: Sequence[str]) -> list[str]:
-    """Return the parameters of the vehicle model for the option `--fit`. Raises `ScenarioError` for unknown names."""
+    """Return the names of the model parameters for the option `--fit`. Raises `ScenarioError` for unknown names, or if
+    `front` or `rear` is missing."""
     for name in names:
         if name not in CHOICES:
             known = ", ".join(CHOICES)
@@ -180,7 +186,8 @@ def fitted_parameters(names: Sequence[str]) -> list[str]:
 
 
 def _checked(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
-    """Prepare segments for the fit. Raises `TooLittleError` or `FieldLogError` if the data are insufficient."""
+    """Prepare segments for the fit. Raises `TooLittleError` for too few windows, and `FieldLogError` for too little
+    steering."""
     data = enough(recordings, chassis, LEAST_WINDOWS)
     if (moved := degrees(float(np.std(np.concatenate([piece.steer for piece in data.pieces]))))) < LEAST_STEER_DEG:
         raise FieldLogError(
@@ -190,13 +197,13 @@ def _checked(recordings: Sequence[FieldRecording], chassis: Chassis2) -> Vehicle
 
 
 def judged_channel(data: VehicleData) -> str:
-    """Return the channel for the evaluation of a fit: yaw rate, or position if no other channel is measured."""
+    """Return the channel that evaluates a fit: `position` if only positions are measured, otherwise `yaw_rate`."""
     return "position" if set(data.channels) == {"position"} else "yaw_rate"
 
 
 def judged(result: VehicleFit, data: VehicleData) -> tuple[float, float, float]:
-    """Return the explained fraction of variance [-], the RMS residual of the fit, and the RMS residual of a model
-    without slip [deg/s or m]."""
+    """Evaluate a fit on `data`. Return the explained fraction of variance [-], and the RMS residuals of the fit and of
+    a model without slip [deg/s or m]."""
     slipless = {"front_compliance": 0.0, "rear_compliance": 0.0}
     measured = _rates({name: each.value for name, each in data.channels.items()}, data)
     off, bare = (_rates(predictions(p, data), data) - measured for p in (result.values, slipless))
@@ -210,7 +217,8 @@ def judged(result: VehicleFit, data: VehicleData) -> tuple[float, float, float]:
 
 
 def _rates(values: Channels, data: VehicleData) -> Array:
-    """Return the yaw rates of the gyro, or mean rates of the heading over `RATE_S`, or positions without both."""
+    """Return yaw rates from a gyro or, if there is no gyro, from differences of the heading over `RATE_S`. Without gyro
+    and heading, return the positions."""
     if "heading" in values and "yaw_rate" not in values:
         steps = max(1, round(RATE_S / data.channels["heading"].spacing))
         t, angle = data.channels["heading"].t, values["heading"]
@@ -220,7 +228,7 @@ def _rates(values: Channels, data: VehicleData) -> Array:
 
 
 def vehicle_quantities(result: VehicleFit, chassis: Chassis2) -> dict[str, Quantity]:
-    """Return the fitted quantities in the units of their keys, with intervals from Student's t distribution."""
+    """Return the fitted vehicle quantities in the units of their keys, with 95 % Student t intervals."""
     value, index = result.values, {name: k for k, name in enumerate(result.names)}
     one = np.eye(len(index))
     halves = {name: half_width(result.covariance, one[k], result.freedom) for name, k in index.items()}

@@ -15,7 +15,7 @@ from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.replay.residuals import moving
 from agrobot_mj.extensions.logs.series import TimeSeries, scatter
 
-WINDOW_S = 5.0  # Length of a window [s]: longer than the dynamics, and short enough for many windows per minute
+WINDOW_S = 5.0  # Length of a window [s]: longer than the yaw dynamics, and short enough for many windows per minute
 CUT_OFF_HZ = 3.0
 """Cut-off frequency of the low-pass filter of the wheel angle [Hz]. Noise above this frequency would act like a lag."""
 SPEED_CUT_OFF_HZ = 1.0
@@ -25,14 +25,14 @@ machine."""
 PLAY_CUT_OFF_HZ = (2.0, 8.0)
 """Range of cut-off frequencies of the wheel-angle filter for the play model [Hz]. High values keep sharp reversals."""
 PLAYING = radians(0.1)
-"""Target noise of the filtered wheel angle at the input of the play model [rad]. Assumed value: larger noise would move
-the wheels through the play and resemble soft tyres."""
+"""Target noise of the filtered wheel angle at the input of the play model [rad]. Assumed value: with more noise, the
+wheels of the model would move within the play, which resembles soft tyres."""
 SETTLE_S = 2.0  # Time omitted at the start of a segment [s], until the effects of initial state and play have decayed
 FIT_S = SETTLE_S + WINDOW_S  # Minimum duration of a segment for a fit [s]
 LEAST_SAMPLES = 11  # Minimum number of samples of a channel in a window, which follows from a rate of 2.5 Hz and `FULL`
 LONGEST_PAUSE_S = 0.5
 """Maximum time between samples in a window without gaps [s], unless 2.5 times the mean spacing is longer."""
-FULL = 0.95  # Minimum number of samples in a window, divided by the nominal number [-]
+FULL = 0.95  # Minimum number of samples in a complete window, divided by the nominal number [-]
 EVEN, FULL_UNEVEN = 0.9, 0.85
 """Minimum fraction of time steps near the median step for an evenly sampled channel [-], and value of `FULL` for other
 channels [-]. Assumed values: a sensor a third slower than its logger repeats values in irregular rows."""
@@ -58,14 +58,15 @@ class FitPiece(NamedTuple):
     steer: Array  # Recorded wheel angle after a low-pass filter with `VehicleData.play_cut_off_hz` [rad]
     u: Array  # Recorded speed of rear axle or antenna after a low-pass filter with `SPEED_CUT_OFF_HZ` [m/s]
     yaw_rate: Array | None
-    """Yaw rate of gyro or heading [rad/s], or None unless the recorded speed is that of the antenna."""
+    """Yaw rate from gyro or heading for converting the recorded antenna speed to the rear axle [rad/s]. None if no
+    conversion is needed, or if the yaw rate comes from the course."""
     heading: Callable[[Array], Array] | None
     """Function that interpolates the recorded heading [rad], or None if there is no heading."""
     windows: slice  # Index range of the windows, in each channel, that belong to this segment
 
 
 class VehicleData(NamedTuple):
-    """Recordings prepared for fitting the vehicle model."""
+    """Segments of recordings prepared for fitting the vehicle model."""
 
     pieces: tuple[FitPiece, ...]
     chassis: Chassis2
@@ -86,7 +87,7 @@ class TooLittleError(FieldLogError):
 
 
 def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int) -> VehicleData:
-    """Prepare segments for a fit. Raises `TooLittleError` for fewer than `windows` windows."""
+    """Prepare segments for a fit. Raises `TooLittleError` if these have fewer than `windows` complete windows."""
     data = prepare(recordings, chassis)
     if data.windows < windows:
         remedy = "use a longer log, several logs or --share 0.9, or remove columns with gaps from the map"
@@ -100,7 +101,7 @@ def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int
 
 
 def prepare(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
-    """Prepare segments for a fit. A segment that lacks a channel (`channels_of`) of another segment is omitted."""
+    """Prepare segments for a fit. A segment is omitted if it lacks a channel (`channels_of`) of another segment."""
     measured = [channels_of(recording) for recording in recordings]
     names = [name for name in ("yaw_rate", "heading", "position") if any(name in each for each in measured)]
     rates = {name: _rate([each[name] for each in measured if name in each]) for name in names}
@@ -125,21 +126,21 @@ def prepare(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleD
 
 
 def channels_of(recording: FieldRecording) -> dict[str, TimeSeries]:
-    """Return the independent channels of a recording: heading, position, and yaw rate if measured by a gyro."""
+    """Return the independent channels of a recording by name: heading, position, and yaw rate of a gyro."""
     gyro = recording.yaw_rate if recording.yaw_rate_source == "gyro" else None
     parts = {"yaw_rate": gyro, "heading": recording.heading, "position": recording.position}
     return {name: series for name, series in parts.items() if series is not None and len(series.t) > 1}
 
 
 def smoothed(values: Array, cut_off: float) -> Array:
-    """Return values at the time steps of the model after a zero-phase low-pass filter at `cut_off` [Hz]."""
+    """Return `values` at the time steps of the model after a zero-phase low-pass filter at `cut_off` [Hz]."""
     smooth: Array = sosfiltfilt(_low_pass(cut_off), values)
     return smooth
 
 
 @cache
 def _low_pass(cut_off: float) -> Array:
-    """Return a low-pass filter for the time steps of the model, as second-order sections."""
+    """Return a low-pass filter at `cut_off` [Hz] for the time steps of the model, as second-order sections."""
     sections: Array = butter(4, cut_off * 2 * STEP_S, output="sos")
     return sections
 
@@ -159,12 +160,13 @@ def _piece(recording: FieldRecording, windows: slice, cut_off: float) -> FitPiec
 
 
 def _white_noise(recordings: Sequence[FieldRecording], part: str) -> float:
-    """Return the standard deviation of white noise in the input `part`. A series shared by segments counts once."""
+    """Return the standard deviation of white noise in an input. A series shared by segments counts once."""
     return scatter(*{id(series): series.value for each in recordings if (series := getattr(each, part))}.values())
 
 
 def _play_cut_off(recordings: Sequence[FieldRecording], noise: float) -> float:
-    """Return the cut-off frequency at which the filtered wheel angle has the noise `PLAYING` [Hz]."""
+    """Return the cut-off frequency at which the filtered wheel angle has the noise `PLAYING`, limited to the range
+    `PLAY_CUT_OFF_HZ` [Hz]."""
     steered = [each.steer for each in recordings if each.steer is not None and len(each.steer.t) > 1]
     share = (PLAYING / max(noise, 1e-9)) ** 2  # fraction of the band below half the sample rate
     return float(np.clip(share / (2 * _spacing(steered)) if steered else inf, *PLAY_CUT_OFF_HZ))
@@ -187,7 +189,7 @@ def _rate(series: Sequence[TimeSeries]) -> tuple[float, float]:
 
 
 def _windows(recording: FieldRecording, series: TimeSeries, spacing: float, full: float) -> dict[int, TimeSeries]:
-    """Return the complete windows in which the machine moves, keyed by window number, with equal numbers of samples."""
+    """Return the complete windows in motion by window number. All windows have equal numbers of samples."""
     start, end = recording.start + SETTLE_S, recording.end
     n, longest = int(full * WINDOW_S / spacing), max(LONGEST_PAUSE_S, 2.5 * spacing)
     fast, found = moving(recording, series.between(start, end)), {}

@@ -1,4 +1,4 @@
-"""Readers for logs of other programs and machines, one per format. `READERS` is the registry.
+"""Readers for logs of other programs and machines, one per format. The list `READERS` contains all readers.
 
 `open_log` selects a reader by the content of a file and returns the result of this reader. A user-defined reader is a
 class derived from `LogReader`, registered like any other component. User-defined readers take precedence over the
@@ -34,20 +34,20 @@ READERS += [FreeColumns()]
 
 
 class OpenedLog(NamedTuple):
-    """Content of a log file, with its map and notes."""
+    """Content of a log, with its column map and notes."""
 
     name: str
-    reader: str  # Kind of the reader that read the log
+    reader: str  # Name of the format, from the attribute `kind` of the reader
     source: Source
     """Table in SI units, or the path of the file if a column map must define its columns."""
     notes: tuple[str, ...]  # Notes about data that were selected or omitted
-    log_map: LogMap | None  # Map of the columns, if known and sufficient for a replay; otherwise None
-    missing: str  # Text that names quantities missing for a replay, identification or calibration, or ""
+    log_map: LogMap | None  # Map of the columns, or None if the columns are unknown or insufficient for a replay
+    missing: str  # Text that names the quantities missing for a replay, identification or calibration, or ""
     tables: dict[str, dict[str, Any]]
-    """Map tables for the known columns, as a template for a user-defined map. Empty for arbitrary columns."""
+    """Column-map tables for the known columns, as a template for a user-defined map. Empty for arbitrary columns."""
 
     def checked_map(self) -> LogMap:
-        """Return `log_map`. Raises a `FieldLogError` that names the missing quantities if `log_map` is None."""
+        """Return `log_map`. Raises `FieldLogError` with the missing quantities if `log_map` is None."""
         if self.log_map is None:
             raise FieldLogError(
                 f"{self.name}: {self.missing}; `agrobot-mj twin --describe` lists the content of the log"
@@ -56,7 +56,8 @@ class OpenedLog(NamedTuple):
 
 
 def open_log(path: Path) -> OpenedLog:
-    """Read a file or folder with the first reader that recognises it. Raises `FieldLogError` or `ScenarioError`."""
+    """Read a file or folder with the first reader that recognises it. Raises `FieldLogError` for unreadable or unknown
+    content, and `ScenarioError` for a faulty user-defined reader."""
     head = _head(path)
     if head.data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
         return _of_utf16(path)
@@ -67,7 +68,7 @@ def open_log(path: Path) -> OpenedLog:
 
 
 def _of_utf16(path: Path) -> OpenedLog:
-    """Read a UTF-16 text file by converting a temporary copy to UTF-8."""
+    """Read a log in UTF-16 by converting a temporary copy to UTF-8."""
     check_size(path)
     with TemporaryDirectory() as folder:
         copy = Path(folder, path.name)
@@ -81,7 +82,7 @@ def _of_utf16(path: Path) -> OpenedLog:
 
 
 def _reason(head: Head) -> str:
-    """Return the reason why no reader recognises a file or folder, with a remedy."""
+    """Return an error text: the reason why no reader recognises a file or folder, with a remedy."""
     name = head.path.name
     if head.path.is_dir():
         return "the folder has neither signals.parquet nor TASKDATA.XML; specify a log or the folder of a run"

@@ -1,6 +1,6 @@
 """Reader for `gps_data_log.csv`, which AgOpenWeb writes in a debug dump (one minute at 10 Hz).
 
-The position is that of the rear axle, corrected for roll and drift by AgOpenWeb. The heading in degrees from north is
+The position belongs to the rear axle, corrected for roll and drift by AgOpenWeb. The heading in degrees from north is
 fused from antennas, inertial unit and course. The speed is in m/s. The roll in degrees is positive with the right side
 down, as in the messages of boards. Times of day are UTC, from the clock of the program and not of the receiver. The
 steering angle, right positive, is the command of the guidance, because the recorder has no measured angle.

@@ -44,7 +44,7 @@ QUANTITIES = (
 """Quantities that a reader may return. Other numeric columns are also accepted."""
 HEAD_BYTES = 65536  # Number of bytes at the start of a file from which its format is recognised [bytes]
 LONGEST_LINE = 65536  # Maximum length of a line of text [bytes]
-LARGEST = 1e300  # Upper limit of absolute values that are valid, in any unit
+LARGEST = 1e300  # Absolute value from which a number counts as missing, in any unit
 MOST_VALUES = 20_000_000  # Maximum number of values from one file; a value needs 16 bytes
 MOST_DAMAGED = 0.2  # Fraction of unreadable lines above which a file is rejected as damaged [-]. Assumed value.
 LATE_S = 0.1
@@ -76,7 +76,7 @@ class ReadLog(NamedTuple):
     source: Source  # Table with columns of `QUANTITIES`, or the file itself if a map must define its columns
     notes: tuple[str, ...] = ()  # Notes about data that were selected or omitted, one line each
     meaning: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
-    """Values of map keys that differ from the defaults, by table and key."""
+    """Keys of the column map whose values differ from the defaults, by table and key."""
 
 
 class LogReader(Spec):
@@ -91,7 +91,7 @@ class LogReader(Spec):
         raise NotImplementedError
 
     def read(self, path: Path) -> ReadLog:
-        """Read a file. Raises `FieldLogError` if the file is damaged, too large or empty."""
+        """Read a log file or folder. Raises `FieldLogError` if the log is damaged, too large or empty."""
         raise NotImplementedError
 
 
@@ -99,13 +99,13 @@ class Samples:
     """Values of a log with their times, collected by a reader."""
 
     def __init__(self, path: Path, ordered: bool = True) -> None:
-        """Create an empty collection. A decreasing time is an error if `ordered`; otherwise values are sorted."""
+        """Create an empty collection. If `ordered`, a decreasing time is an error; otherwise values are sorted."""
         self.name, self._ordered = path.name, ordered
         self._kept: dict[str, dict[str, tuple[array[float], array[float]]]] = {}
         self._values, self._lines, self._damaged, self._first_damage = 0, 0, 0, ""
 
     def add(self, t: float, source: str = "", **values: float) -> None:
-        """Add values by quantity at time `t` [s]. Values above `LARGEST` are treated as missing.
+        """Add values by quantity at time `t` [s]. Absolute values of at least `LARGEST` are treated as missing.
 
         If several sources provide a quantity, the source with the most values is used. Raises `FieldLogError` for too
         many values.
@@ -121,7 +121,7 @@ class Samples:
             raise FieldLogError(f"{self.name}: the log has more than {MOST_VALUES:.3g} values; split the log")
 
     def damaged(self, line: int, text: str) -> None:
-        """Count an unreadable line."""
+        """Count an unreadable line. The number and the text of the first unreadable line are kept for messages."""
         self._first_damage = self._first_damage or f"line {line}, {shortened(ascii(text.strip()), 60)}"
         self._damaged += 1
 
@@ -150,7 +150,7 @@ class Samples:
         return ReadLog(self._table(columns), tuple(found), meaning)
 
     def _in_order(self, name: str, times: "array[float]", kept: "array[float]") -> tuple[Array, Array]:
-        """Return times and values of one quantity in chronological order."""
+        """Return times and values of a quantity in order of time. Raises `FieldLogError` if time decreases."""
         t, values = np.frombuffer(times, dtype=np.float64), np.frombuffer(kept, dtype=np.float64)
         back = np.diff(t)
         if self._ordered and len(back) and (worst := float(back.min())) < -LATE_S:

@@ -1,6 +1,6 @@
 """Reader for text logs of a CAN bus: candump, CSV of python-can, and serial output of an Arduino with an MCP2515.
 
-`SIGNALS` contains the supported signals by parameter group number (PGN): among others the steering-wheel angle, the
+`SIGNALS` contains the supported signals by parameter group number (PGN). Examples are the steering-wheel angle, the
 curvature reported by the steering (PGN 44032), speeds, and NMEA 2000 positions in single frames.
 
 Signals are defined in ISO 11783-7, SAE J1939-71 and NMEA 2000. Curvatures and yaw rates of ISO 11783 and NMEA 2000 are
@@ -34,12 +34,12 @@ class BusSignal(NamedTuple):
     directed: bool = False  # Whether the message also contains the direction of travel
 
     def of_counts(self, counts: float) -> float:
-        """Convert counts without an offset, as in ISO 11783-10 logs, to a value."""
+        """Convert a count to a value in SI units without the offset of the signal, as in ISO 11783-10 logs."""
         value = self.scale * counts
         return wrap(pi / 2 - value) if self.compass else value
 
     def of_frame(self, data: bytes) -> float | None:
-        """Return the value in the bytes of a message. Return None for an unavailable value or missing bytes."""
+        """Return the value [SI] in the bytes of a message, or None if the value is unavailable or bytes are missing."""
         if 8 * len(data) < self.start + self.bits:
             return None
         frame = int.from_bytes(data, "little")
@@ -94,7 +94,7 @@ def signals_of(identifier: int) -> tuple[str, tuple[BusSignal, ...]]:
 ERROR_FRAME = 0x20000000  # Identifier bit in candump logs that marks an error frame, which the CAN controller generates
 IDENTIFIER = 0x1FFFFFFF
 BINARY = {b"LOGG": "BLF", b"date ": "ASC", b";$FILEVERSION": "TRC", b"MDF ": "MF4"}
-"""Names of log formats that the user can convert with python-can, by the first bytes of the file."""
+"""Names of log formats that the user can convert with python-can, by first bytes of the file."""
 
 
 class Dialect(NamedTuple):
@@ -116,7 +116,7 @@ DIALECTS = (
     Dialect(re.compile(r"(\d+\.?\d*),0x([0-9A-Fa-f]+),[01],[01],[01],\d+,([\w+/=]*)"), b64decode, 1.0),
     Dialect(re.compile(r"(?:[\d:.]+ -> )?(\d+); ID;([0-9A-F]+) Data;((?:\d+;)*)"), _decimals, 1e3),
 )
-"""Text formats: candump -L, screen output of candump -t, CSV of python-can, `ms; ID;hex Data;bytes;` of a terminal."""
+"""Text formats: candump -L, screen output of candump -t, CSV of python-can, serial `ms; ID;hex Data;bytes;`."""
 
 
 class CanText(LogReader):
@@ -162,7 +162,7 @@ class CanText(LogReader):
 
 
 def _dialect(lines: list[str]) -> Dialect | None:
-    """Return the text format of most lines, or None if no line has a known format."""
+    """Return the text format that most lines have, or None if no line has a known format."""
     counts = {k: sum(d.line.fullmatch(line.strip()) is not None for line in lines) for k, d in enumerate(DIALECTS)}
     best = max(counts, key=lambda k: counts[k])
     return DIALECTS[best] if counts[best] else None

@@ -78,7 +78,8 @@ def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
 
 
 def _template(source: Source, names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return map tables with a time column, recognised by its name, and placeholders, or {} without a time column."""
+    """Return map tables with a time column, recognised by its name, and placeholders for other columns. Return {} if
+    there is no time column."""
     for name in names:
         if (match := TIME.fullmatch(name)) and _increases(source, name):
             return {"time": {"column": name, "unit": (match[2] or "s").lower()}, **PLACEHOLDERS}
@@ -95,7 +96,7 @@ def _increases(source: Source, name: str) -> bool:
 
 
 def _use(source: Source, m: LogMap) -> str:
-    """Return a text about the possible uses of a log with a map, and why other uses are impossible."""
+    """Return a text about the possible uses of a log with the map `m`, and the reason why other uses are impossible."""
     enough = "The log has the columns for"
     try:
         kept = pieces([read_recording(source, m, 0.0)]).kept
@@ -111,7 +112,7 @@ def _use(source: Source, m: LogMap) -> str:
 
 
 def _row(source: Source, name: str, t: Array) -> tuple[str, ...]:
-    """Return a row of the column table. For a column without numbers, the number cells are empty."""
+    """Return the table row of a column: name, unit, number of values, rate, longest gap, minimum and maximum."""
     try:
         values = read_columns(source, [name])[name]
     except FieldLogError:

@@ -30,7 +30,7 @@ SPEED, ON_BUS = 397, 0xDFFE
 """Data dictionary identifiers of the actual speed [mm/s], and of a bus signal defined by further attributes."""
 DEGREES = 1e-7  # Angle per count of latitude and longitude [deg]
 FAILED, NOT_AVAILABLE = 14, 15
-"""Values of the position status without an equivalent GGA quality. Lower values are equal to the GGA quality."""
+"""Values of the position status without an equivalent GGA quality. All lower values equal the GGA quality."""
 MOST_ZIP_BYTES, MOST_XML_BYTES, MOST_BIN_BYTES = 100_000_000, 20_000_000, 100_000_000
 """Maximum sizes of a zip archive, of an XML file, and of all binary files together [bytes]."""
 MOST_FILES = 10_000  # Maximum number of files in a zip archive
@@ -93,7 +93,7 @@ class Layout(NamedTuple):
     keys: tuple[str, ...]  # Position attributes that each record contains
     fixed: dict[str, int]  # Values of the position attributes that are constant, by key
     known: dict[int, tuple[str, BusSignal]]
-    """Source and signal of each known process value, by the number of the value."""
+    """Source and signal of each known process value, by the number of the process value in the XML file."""
     values: int  # Number of process values
 
     def records(self, data: bytes) -> Iterator[Record]:
@@ -158,7 +158,7 @@ def _layout(name: str, data: bytes) -> Layout:
 
 
 def _signal(ddi: int, value: ElementTree.Element) -> tuple[str, BusSignal] | None:
-    """Return source and signal of a process value, or None for an unknown value."""
+    """Return source and signal of a process value with the identifier `ddi`, or None for an unknown value."""
     if ddi == SPEED:
         return f"DDI {SPEED}", BusSignal("speed", 0, 32, True, 1e-3)
     if ddi != ON_BUS:

@@ -39,14 +39,15 @@ class NmeaText(LogReader):
 
 
 class _Sentences:
-    """Converter of the sentences in one file, with the clock of the receiver."""
+    """Converter for the NMEA sentences in one file, with the clock of the receiver."""
 
     def __init__(self, path: Path, data: mmap.mmap) -> None:
         self.data, self.path, self.name, self.samples = data, path, path.name, Samples(path)
         self.clock, self.start, self.t, self.latest = DayClock(), -inf, -inf, dict[str, float]()
         self.early, self.kept, self.unclear, self.first_unclear = 0, 0, 0, ""
         self.valid, self.invalid = set[str](), dict[str, Any]()
-        """Types of valid sentences; number, first line and first text of invalid sentences, by type."""
+        """Types of sentences with a valid checksum. For each type, the number of sentences without a valid checksum,
+        and the line number and text of the first one."""
         self._counted, self._line = 0, 1
         self._void = data.find(b"RMC,") >= 0  # whether the latest RMC sentence reports no fix, or has yet to come
 
@@ -109,8 +110,8 @@ class _Sentences:
         return values
 
     def _begin_again(self, found: Sentence) -> None:
-        """Discard the sentences before a backward jump in time. Raises `FieldLogError` if they cover more than
-        `SETTLED_S`."""
+        """Discard the sentences before a backward jump in time. Raises `FieldLogError` if the discarded sentences cover
+        more than `SETTLED_S`."""
         last = self.latest[found.kind]
         if last - self.start > SETTLED_S:
             raise FieldLogError(

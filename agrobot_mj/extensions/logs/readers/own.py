@@ -17,7 +17,8 @@ from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.core.table_columns import CONTROL, FieldLogError, column_names, is_parquet
 from agrobot_mj.extensions.logs.readers.base import Head, LogReader, ReadLog, Samples
 
-DECIMAL = re.compile(r"[+-]?\d+\.\d+(?:[eE][+-]?\d+)?")  # Pattern of a number that is no column name
+DECIMAL = re.compile(r"[+-]?\d+\.\d+(?:[eE][+-]?\d+)?")
+"""Pattern of a number, which in the first line of a file indicates missing column names."""
 
 
 class RunFolder(LogReader):
@@ -51,7 +52,7 @@ class LinkRecord(LogReader):
             return False
 
     def read(self, path: Path) -> ReadLog:
-        """Return the quantities in the position sentences and in the messages 253 of the boards."""
+        """Return the quantities in the position sentences and the steering messages (number 253) of the boards."""
         if (rows := pq.read_metadata(path.absolute()).num_rows) > MOST:
             raise FieldLogError(
                 f"{path.name}: the file has {rows:.3g} rows, but the limit is {MOST:.3g}; use a shorter run"
@@ -89,7 +90,7 @@ class FreeColumns(LogReader):
         )
 
     def read(self, path: Path) -> ReadLog:
-        """Return the path for reading columns later. Raises `FieldLogError` if the file has no column names."""
+        """Return the path for reading columns with a map. Raises `FieldLogError` if the file has no column names."""
         names = column_names(path)
         if not any(names) or (number := next(filter(DECIMAL.fullmatch, names), "")):
             found = f"the number {number}" if any(names) else "no names"

@@ -1,7 +1,7 @@
 """Quantities in NMEA 0183 sentences of receivers: position, motion, and headings of two antennas.
 
 An empty field is a missing value. Positions in sentences without a fix are also missing values. A float solution of two
-antennas may have any heading. Therefore sentences with a heading quality provide a heading only with a fixed solution.
+antennas may give any heading. Therefore sentences with a heading quality provide a heading only with a fixed solution.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,7 +18,8 @@ Quantities = dict[str, float]
 SENTENCE = pattern(rb"\$([A-Z]{4,5}[A-Z0-9]*,[\x20-\x23\x25-\x29\x2b-\x7e]{0,500})(\*[0-9A-Fa-f]{2})?")
 """Regular expression for an NMEA sentence among other bytes. Without a checksum, the checksum group is None."""
 BEST_FIRST = {"R": RTK_FIX, "F": RTK_FLOAT, "D": DGPS_FIX, "P": 3, "A": GPS_FIX, "E": 6, "M": 7, "S": 8}
-"""GGA quality for each mode letter of the GNS sentence. Of several letters, the first in this order applies."""
+"""GGA quality for each mode letter of the GNS sentence. If a sentence has several letters, the first letter in this
+order applies."""
 KSXT_QUALITY = (NO_FIX, GPS_FIX, RTK_FLOAT, RTK_FIX)  # GGA quality for each quality number of the KSXT sentence
 
 
@@ -32,7 +33,7 @@ class Sentence(NamedTuple):
 
 
 def found_in(data: bytes | mmap) -> Iterator[Sentence]:
-    """Yield all sentences of the types `KINDS`, including sentences without a valid checksum."""
+    """Yield the sentences in `data` whose types are in `KINDS`, including sentences without a valid checksum."""
     for match in SENTENCE.finditer(data):
         if (kind := kind_of(match[1].decode().split(",", 2))) in KINDS:
             yield Sentence(match.start(), kind, fields_of(match[0]) or [], match[0].decode())

@@ -1,8 +1,8 @@
 """Reader for lines of a logging program that begin with an ISO time: `time: sentence` or `time: {json}`.
 
-The time at the start of the line applies to all values of the line. Sentences are those of the `nmea` reader. In a JSON
-object, `yaw` is the heading of an inertial unit in degrees from north. Other numbers become columns, for example `was`,
-the counts of the steering sensor.
+The time at the start of the line applies to all values of the line. Sentences are read as in the `nmea` reader. In a
+JSON object, `yaw` is the heading of an inertial unit in degrees from north. Other numbers become columns, for example
+`was`, the counts of the steering sensor.
 """
 
 import json
@@ -17,7 +17,7 @@ from agrobot_mj.extensions.logs.readers.sentences import KINDS, found_in
 
 LINE = pattern(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:\.\d+)?(?:Z|[+-]\d\d:\d\d)?): ?([${].*)")
 """Regular expression for a line, with groups for time and content."""
-FIRST = 20  # Number of lines at the start of a file from which the format is recognised
+FIRST = 20  # Number of lines at the start of a file that determine whether the file has this format
 
 
 class TimedLines(LogReader):

@@ -1,9 +1,9 @@
 """Replay on a plant: the speed and either the wheel angle or the valve voltage follow a recording.
 
-In a replay of the wheel angle (`by="steer"`), an ideal valve without lag, dead band or limit replaces the valve of the
-scenario and follows the recorded angle every 10 ms. A replay of the voltage uses the valve of the scenario. A pedal
-without lag imposes the speed. An integral controller corrects the speed over ground for wheel slip. A simulated lead-in
-before the recording brings the tractor to the initial speed and angle.
+In a replay of the wheel angle (`by="steer"`), an ideal valve replaces the valve of the scenario and follows the
+recorded angle every 10 ms, without lag, dead band or limit. A replay of the voltage uses the valve of the scenario. A
+pedal without lag imposes the speed. An integral controller corrects the speed over ground for wheel slip. A simulated
+lead-in before the recording brings the tractor to the initial speed and angle.
 """
 
 from math import cos, sin
@@ -21,7 +21,7 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.loop import build_plant
 
 By = Literal["steer", "valve"]  # Recorded input that steers the plant: wheel angle or valve voltage
-TICK_S = 0.01  # Tick of the replay [s]: short compared with the yaw dynamics of tractors, which take at least 0.1 s
+TICK_S = 0.01  # Tick of the replay [s], short compared with the yaw dynamics of tractors (at least 0.1 s)
 STEER_RATE = 4.0  # Steering rate of the ideal valve at full voltage [rad/s]
 PEDAL_PER_V_S = 100.0  # Gain of the ideal pedal [1/(V s)], which imposes the recorded speed
 FAST_S = 1e-3  # Time constant of the ideal valve and pump [s], half a physics step
@@ -30,12 +30,13 @@ CORRECTION = 0.5
 INTEGRAL_S = 2.0
 """Time constant of the integral speed controller [s], long compared with driveline oscillations (3 Hz)."""
 DRIVE_DAMPING = 10.0
-"""Factor on the nominal drive damping in a replay [-]. The product is half of the critical damping of the driveline."""
+"""Factor by which a replay increases the nominal drive damping [-]. The product is half of the critical damping of the
+driveline."""
 LEAD_ACCELERATION = 1.0  # Acceleration of the tractor in the lead-in [m/s2]
 LEAD_STEADY_S = 2.0  # Time at the initial speed and angle at the end of the lead-in [s]
-MOVING = 0.05  # Minimum initial speed for which a lead-in is needed [m/s]
+MOVING = 0.05  # Minimum initial speed for which a lead-in is simulated [m/s]
 HOMING_V_RAD = 60.0
-"""Controller gain for moving the scenario's valve to the initial wheel angle [V/rad]."""
+"""Controller gain for steering to the initial wheel angle with the scenario's valve [V/rad]."""
 Pose = tuple[float, float, float]  # Pose of the rear-axle centre R: east and north [m], heading [rad]
 
 
@@ -61,7 +62,8 @@ class _Inputs(NamedTuple):
 
 
 def drive(scenario: Scenario, recording: FieldRecording, start: Pose, by: By = "steer") -> Driven:
-    """Replay a recording on a scenario's plant from the pose `start`. Raises `FieldLogError` or `ScenarioError`."""
+    """Replay a recording on the plant of a scenario from the pose `start`. Raises `FieldLogError` if the recording
+    lacks the input `by`."""
     if (recording.steer if by == "steer" else recording.voltage) is None:
         has = "valve" if by == "steer" else "steer"
         raise FieldLogError(f"{recording.name}: the map has no [{by}]; add it, or use --by {has}")
@@ -69,7 +71,8 @@ def drive(scenario: Scenario, recording: FieldRecording, start: Pose, by: By = "
 
 
 def point_of(truth: Truth, arm: tuple[float, float, float]) -> tuple[float, float]:
-    """Return the east and north coordinates [m] of a body-fixed point, including the effect of body tilt."""
+    """Return the east and north coordinates [m] of a body-fixed point with tilt. `arm` is its position ahead, to the
+    left and above the rear-axle centre [m]."""
     ahead, left, up = arm
     forward = ahead * cos(truth.pitch) + up * sin(truth.pitch)
     side = left * cos(truth.roll) - up * sin(truth.roll)
@@ -164,7 +167,8 @@ class _Replayer:
         return truth.steer, speed, truth.yaw_rate, truth.yaw, *point_of(truth, recording.arm)
 
     def _steer_voltage(self, now: float, following: float, recorded: float | None) -> float:
-        """Return the steering valve voltage for this tick [V]. The `recorded` voltage is None in the lead-in."""
+        """Return the steering valve voltage for this tick [V]. `now` and `following` are the recorded angles at the
+        start and end of the tick [rad]. `recorded` is the recorded voltage [V], or None in the lead-in."""
         limit = self.tractor.steer_limit
         now, following = (min(max(angle, -limit), limit) for angle in (now, following))
         if self.by == "steer":
@@ -180,7 +184,7 @@ class _Replayer:
         )
 
     def _advance(self, steer_voltage: float, speed: float) -> None:
-        """Advance the plant by one tick with a valve voltage [V] and a speed setpoint for the end of the tick [m/s]."""
+        """Advance the plant by one tick, with a valve voltage [V] and a speed setpoint for its end [m/s]."""
         if not self.recording.wheel_speed:
             self.missing += (speed - self.truth.speed) * self.tick / INTEGRAL_S
         pedal = (speed + self.missing) / self.full_speed
@@ -189,7 +193,7 @@ class _Replayer:
 
 
 def _inputs(recording: FieldRecording, tick: float) -> _Inputs:
-    """Return the recorded inputs at every tick. A missing input (angle or voltage) is neutral."""
+    """Return the recorded inputs at every tick. A missing angle is 0, and a missing voltage is neutral."""
     n = int((recording.end - recording.start) / tick) + 1
     t = recording.start + tick * np.arange(n, dtype=np.float64)
     steer = recording.steer.at(t) if recording.steer else np.zeros(n)

@@ -21,7 +21,7 @@ from agrobot_mj.extensions.logs.series import LEAST_SPEED, TimeSeries, chords
 START_M = 10.0  # Length of the recorded track to which the initial pose is fitted [m]
 WINDOW_S = 10.0  # Length of a window [s], about the duration of one bend
 STRETCH_S = 1.0
-"""Time between the positions for comparing track lengths [s]: long enough to suppress noise, but shorter than bends."""
+"""Time between the positions for computing track lengths [s]: long enough to suppress noise, but shorter than bends."""
 LARGEST_LAG_S = 0.5  # Maximum lag between two yaw rates that is considered [s]
 
 
@@ -32,7 +32,7 @@ class Rigid(NamedTuple):
     shift: Array  # Translation after the rotation [m], shape (2,)
 
     def of(self, points: Array) -> Array:
-        """Return points (n, 2) after rotation and translation [m]."""
+        """Return `points` (n, 2) after the rotation and the translation [m]."""
         c, s = np.cos(self.turn), np.sin(self.turn)
         moved: Array = points @ np.array([[c, s], [-s, c]]) + self.shift
         return moved
@@ -47,7 +47,8 @@ def rigid(points: Array, onto: Array) -> Rigid:
 
 
 def refined(pose: Pose, recording: FieldRecording, driven: Driven) -> Pose:
-    """Return the initial pose, corrected so that the first metres of the replay fit the recording in spite of slip."""
+    """Return the initial pose, corrected so that the first metres of a replay fit the recorded positions. Without
+    sufficient positions, the pose is unchanged."""
     fixes = _first_metres(recording)
     if fixes is None or len(driven.t) < 2 or driven.t[-1] < fixes.t[-1]:
         return pose
@@ -58,13 +59,13 @@ def refined(pose: Pose, recording: FieldRecording, driven: Driven) -> Pose:
 
 
 def first_metres_end(recording: FieldRecording) -> float:
-    """Return the time [s] at which the tractor has travelled the first `START_M` metres of the track."""
+    """Return the time shortly after the first `START_M` metres [s], or the end time without positions."""
     fixes = _first_metres(recording)
     return recording.end if fixes is None else min(float(fixes.t[-1]) + 0.1, recording.end)
 
 
 def _first_metres(recording: FieldRecording) -> TimeSeries | None:
-    """Return positions on the first `START_M` metres of the track, or None for too few positions."""
+    """Return the recorded positions on the first `START_M` metres of the track, or None if there are too few."""
     if recording.position is None:
         return None
     fixes = recording.position.between(recording.start, recording.end)
@@ -76,7 +77,8 @@ def _first_metres(recording: FieldRecording) -> TimeSeries | None:
 
 
 def start_pose(recording: FieldRecording, wheelbase: float) -> Pose:
-    """Return the initial pose of R: from the first positions, or else at the origin with the recorded heading."""
+    """Return the initial pose of the rear-axle centre R, fitted to the first positions. Without positions, the pose is
+    at the origin with the recorded heading."""
     fixes = _first_metres(recording)
     if fixes is None:
         return 0.0, 0.0, float(recording.heading.at(np.array([recording.start]))[0]) if recording.heading else 0.0
@@ -89,7 +91,8 @@ def start_pose(recording: FieldRecording, wheelbase: float) -> Pose:
 
 
 def kinematic(recording: FieldRecording, wheelbase: float) -> tuple[Array, Array, Array]:
-    """Return times, yaw and points (n, 2) of a model without slip, steered by the wheel angle or else the yaw rate."""
+    """Return times [s], yaw [rad] and positions of the recorded point (n, 2) [m] for a model without slip. The model
+    follows the recorded wheel angle or, without a wheel angle, the recorded yaw rate."""
     t = np.arange(recording.start, recording.end, 0.02)
     u = np.interp(t, recording.speed.t, recording.speed.value)
     if recording.steer is not None:
@@ -165,13 +168,13 @@ def _yaw_rate(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any] | 
 
 
 def moving(recording: FieldRecording, series: TimeSeries) -> TimeSeries:
-    """Return the samples of a series at which the tractor moves faster than `LEAST_SPEED`."""
+    """Return the samples of a series at times when the tractor moves faster than `LEAST_SPEED`."""
     fast = np.abs(np.interp(series.t, recording.speed.t, recording.speed.value)) > LEAST_SPEED
     return TimeSeries(series.t[fast], series.value[fast])
 
 
 def _lag(pairs: Sequence[tuple[TimeSeries, Driven]]) -> float:
-    """Return the lag of the recorded yaw rate relative to the yaw rate of the plant [s], by least squares."""
+    """Return the lag of the recorded yaw rate behind the yaw rate of the plant [s], by least squares."""
     lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + 1e-9, 0.02)
     off = [[np.interp(seen.t - lag, driven.t, driven.yaw_rate) - seen.value for seen, driven in pairs] for lag in lags]
     spread = np.array([np.var(np.concatenate(each)) for each in off])
@@ -198,7 +201,7 @@ def position_errors(recording: FieldRecording, driven: Driven) -> tuple[Array, A
 
 
 def beside(recording: FieldRecording, driven: Driven) -> tuple[TimeSeries, Array]:
-    """Return recorded positions, and plant positions at the same times (n, 2) [m]. The result may be empty."""
+    """Return recorded positions, and plant positions at the same times (n, 2) [m]. Both may be empty."""
     if recording.position is None:
         return TimeSeries(np.empty(0), np.empty((0, 2))), np.empty((0, 2))
     fixes = recording.position.between(driven.t[0], driven.t[-1])
@@ -206,8 +209,8 @@ def beside(recording: FieldRecording, driven: Driven) -> tuple[TimeSeries, Array
 
 
 def windows(fixes: TimeSeries, model: Array, start: float) -> Iterator[tuple[int, Array, Array]]:
-    """Yield for each window its number, the mask (n,) of the recorded positions in it, and the plant positions aligned
-    with them."""
+    """Yield the number of each window, the mask (n,) of the recorded positions in the window, and the plant positions
+    after alignment with them [m]."""
     window = ((fixes.t - start) // WINDOW_S).astype(int)
     for k in np.unique(window):
         inside = window == k

@@ -1,4 +1,4 @@
-"""Replay of logs: reading, simulation and comparison. Results are `replay.json`, `replay.parquet`, a figure and the
+"""Replay of logs: reading, simulation and comparison. The results are `replay.json`, `replay.parquet`, a figure and the
 scenario."""
 
 import shutil
@@ -58,7 +58,7 @@ class ReplayResult(NamedTuple):
 
     pieces: tuple[Replayed, ...]
     metrics: dict[str, Any]
-    notes: tuple[str, ...]  # Notes about the parts of the logs that are used
+    notes: tuple[str, ...]  # Notes about the used and omitted parts of the logs
 
 
 def replay(
@@ -69,7 +69,7 @@ def replay(
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> ReplayResult:
-    """Replay logs on the plant of a scenario without writing files. Raises `FieldLogError` or `ScenarioError`.
+    """Replay logs on the plant of a scenario without writing files. Raises `FieldLogError` for unsuitable logs.
 
     By default, `by` is the recorded angle if available, otherwise the voltage.
     """
@@ -97,8 +97,8 @@ def replay_pieces(
 
 
 def on_wide_ground(scenario: Scenario, reach: float) -> Scenario:
-    """Return the scenario with flat ground extended to at least `reach` [m] from the origin, if the ground is smaller.
-    Other terrain is unchanged."""
+    """Return the scenario with flat ground that extends more than `reach` [m] from the origin. Other terrain is
+    unchanged."""
     if scenario.terrain.kind != "flat" or min(scenario.terrain.half_sizes) > reach:
         return scenario
     return scenario.changed({"terrain.half_size_m": float(ceil(reach) + 100)})
@@ -112,7 +112,7 @@ def reach(recording: FieldRecording) -> float:
 
 
 def _driven(recording: FieldRecording, scenario: Scenario, by: By) -> Driven:
-    """Replay a segment from an initial pose fitted to the first metres of the recorded positions, if any."""
+    """Replay a segment. Its initial pose is fitted to the first metres of the recorded positions, if any."""
     pose = start_pose(recording, scenario.tractor.wheelbase_m)
     if recording.position is not None:
         first = recording._replace(end=max(first_metres_end(recording), recording.start + 1.0))
@@ -121,7 +121,7 @@ def _driven(recording: FieldRecording, scenario: Scenario, by: By) -> Driven:
 
 
 def files_of_replay(scenario: Scenario) -> tuple[str, ...]:
-    """Return the names of the files that `write_replay` writes."""
+    """Return the names of the files that `write_replay` writes for a scenario."""
     return ("replay.parquet", "replay.png", "replay.toml", *scenario.portable()[1])
 
 
@@ -139,7 +139,7 @@ def write_replay(found: ReplayResult, scenario: Scenario, folder: Path) -> None:
 
 
 def signals(pieces: Sequence[Replayed]) -> pa.Table:
-    """Return a table with the columns `COLUMNS`, including units and descriptions."""
+    """Return the signals of replayed segments as a table with the columns `COLUMNS`."""
     return pa.concat_tables([_signals(k, *each) for k, each in enumerate(pieces)])
 
 

@@ -15,7 +15,8 @@ SETTLED_S, END_S = 3.0, 4.0  # Start and end of the evaluated part of the bend [
 
 
 def scrub(scenario: Scenario) -> float:
-    """Return the mean fraction of the kinematic yaw rate lost in slow bends to both sides on level ground [-]."""
+    """Return the mean fraction of the kinematic yaw rate that the tyres lose in slow bends to both sides on level
+    ground [-]."""
     lost, scenario = [], scenario.changed({"terrain.kind": "flat"})
     for angle in (radians(ANGLE_DEG), -radians(ANGLE_DEG)):
         driven = drive(scenario, _bend(angle), (0.0, 0.0, 0.0))

@@ -1,4 +1,4 @@
-"""Machine file of a digital twin. Some keys are identified from a log, with intervals; the other keys are those of a
+"""Machine file of a digital twin. Some keys are identified from a log, with intervals; the other keys come from a
 similar machine."""
 
 from collections.abc import Mapping
@@ -22,18 +22,19 @@ MOST_STEER_DEG = 60.0  # Maximum plausible steering limit [deg]
 BACKLASH = "steering.linkage.backlash_deg"
 MOST_CENTRE_DEG, MOST_SCALE = 20.0, (0.2, 5.0)
 """Limits of a steering sensor in a scenario: maximum centre error [deg], and range of the scale factor [-]."""
-CARCASS = (0.05, 2.0)  # Range of the lateral stiffness of a tyre carcass divided by its vertical stiffness [-]
+CARCASS = (0.05, 2.0)
+"""Permitted range of the lateral stiffness of a tyre carcass divided by the vertical stiffness [-]."""
 
 
 class TwinKey(NamedTuple):
     """Value of a machine key that is identified from a log."""
 
     value: float | bool
-    note: str  # Text with interval or source of the value, for a comment
+    note: str  # Comment for the machine file: interval or source of the value
 
 
 def twin_keys(c: Calibration, found: Found, scenario: Scenario) -> dict[str, TwinKey]:
-    """Return the scenario values identified from a log, by dotted key."""
+    """Return the scenario values identified from a log, by dotted scenario key."""
     keys = {**_tyres(found, scenario), **_sensors(c)}
     if (play := found.get("backlash_deg")) and play.identified:
         keys[BACKLASH] = TwinKey(round(play.value, 2), f"{play.low:.2g} to {play.high:.2g}")
@@ -45,8 +46,8 @@ def twin_keys(c: Calibration, found: Found, scenario: Scenario) -> dict[str, Twi
 
 
 def _tyres(found: Found, scenario: Scenario) -> dict[str, TwinKey]:
-    """Return tyre stiffness and relaxation as keys for the plant and tyre of a scenario. The result is empty unless
-    both axles are identified."""
+    """Return the identified tyre stiffnesses and relaxation lengths as keys of the plant and tyre model in a scenario.
+    The result is empty unless both axles are identified."""
     t, keys = scenario.tractor, dict[str, TwinKey]()
     tyre = getattr(getattr(scenario.plant, "tyre", None), "kind", "bicycle")
     if not told_apart(found):
@@ -68,7 +69,7 @@ def _tyres(found: Found, scenario: Scenario) -> dict[str, TwinKey]:
 
 
 def _relaxation(found: Found, t: TractorParameters, tyre: str) -> dict[str, TwinKey]:
-    """Return the key of the mean relaxation length of both axles, or an empty mapping if no length is identified."""
+    """Return the key of the mean relaxation length for the tyre model `tyre`, or {} if no length is identified."""
     shares, radii = [], []
     for axle, wheel in zip(("front", "rear"), t.wheels, strict=True):
         length, C = found[f"{axle}_relaxation_length_m"], found[f"{axle}_cornering_stiffness_n_rad"]
@@ -85,7 +86,7 @@ def _relaxation(found: Found, t: TractorParameters, tyre: str) -> dict[str, Twin
 
 
 def _sensors(c: Calibration) -> dict[str, TwinKey]:
-    """Return the keys of the steering sensor, of the receiver with its antenna, and of the second antenna."""
+    """Return the identified keys of the steering sensor, of the receiver and its antenna, and of the second antenna."""
     scale = degrees(abs(c.rough.scale)) * c.fit.values["steer_scale"]
     keys = {
         "sensors.steering_pot.noise_sigma_deg": TwinKey(
@@ -115,7 +116,7 @@ def _sensors(c: Calibration) -> dict[str, TwinKey]:
 
 
 def _settings(c: Calibration) -> dict[str, TwinKey]:
-    """Return the keys of the centre error and the scale errors of the steering sensor, relative to the given map."""
+    """Return the keys of centre error and scale errors of the steering sensor, relative to the original map."""
     keys, told = dict[str, TwinKey](), c.steer.model_fields_set
     left, right = c.found["steer.scale"], c.found.get("steer.scale_right", c.found["steer.scale"])
     given = c.steer.scale if "scale" in told else left.value
@@ -157,7 +158,7 @@ def _mounting(c: Calibration) -> str:
 
 
 def machine_data(scenario: Scenario, keys: Mapping[str, TwinKey], title: str) -> dict[str, Any]:
-    """Return the tables of a machine file: machine of the scenario, updated with the identified keys."""
+    """Return the tables of a machine file: the machine of the scenario, updated with the identified `keys`."""
     file = machine_file(scenario.machine)
     tables = machine_tables(file[0]) if file else {}
     own = explicit_values(scenario)
@@ -181,7 +182,7 @@ def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]
 
 
 def not_told(scenario: Scenario, keys: Mapping[str, TwinKey]) -> list[tuple[str, object, str]]:
-    """Return the tractor keys that a log does not identify, with their values and sources."""
+    """Return the tractor keys that a log does not identify, with their values and the sources of these values."""
     file = machine_file(scenario.machine)
     of_machine = (machine_tables(file[0]) if file else {}).get("tractor", {})
     given = explicit_values(scenario).get("tractor", {})

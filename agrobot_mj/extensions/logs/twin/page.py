@@ -18,7 +18,7 @@ from agrobot_mj.studies.pages.drive import line
 
 
 def page(t: Twin, health: Sequence[str]) -> Document:
-    """Return the report page of a twin. `health` contains sentences about the logs."""
+    """Return the report page of a digital twin. `health` contains sentences about the logs."""
     c = t.calibration
     facts = [
         f"machine {t.scenario.machine}",

@@ -40,15 +40,15 @@ SLOWEST_M_S = 0.1  # Minimum speed of waypoints [m/s]
 
 def way(pieces: Sequence[FieldRecording], cg_to_rear_axle: float) -> Array | None:
     """Return the longest forward section of the CG track: east, north [m] and speed [m/s], shape (n, 3). Return None if
-    it is too short."""
+    no section has four waypoints."""
     legs = [leg for piece in pieces if piece.position is not None for leg in _forward(piece)]
     found = max(legs, key=len, default=None)
     return None if found is None or len(found) < 4 else _at_cg(found, cg_to_rear_axle)
 
 
 def _forward(piece: FieldRecording) -> list[Array]:
-    """Return the forward sections of the track of R at equal distances: east, north [m], speed [m/s], heading [rad],
-    shape (n, 4) each."""
+    """Return the forward sections of the track of the rear-axle centre R at equal distances: east, north [m], speed
+    [m/s], heading [rad], shape (n, 4) each."""
     assert piece.position is not None
     t, places = piece.position
     u = np.interp(t, piece.speed.t, piece.speed.value)
@@ -76,19 +76,19 @@ def _at_cg(leg: Array, cg_to_rear_axle: float) -> Array:
 
 
 def waypoint_text(points: Array) -> str:
-    """Return waypoints as CSV text."""
+    """Return waypoints (east, north [m], speed [m/s]) as CSV text, without repeated positions."""
     rows = [f"{x:.3f},{y:.3f},{max(u, SLOWEST_M_S):.3f}" for x, y, u in points]
     kept = [rows[0], *(b for a, b in pairwise(rows) if a.split(",")[:2] != b.split(",")[:2])]
     return "\n".join(["x,y,speed", *kept]) + "\n"
 
 
-SHARE = 0.6  # Fraction of the time used for the fit; the rest is for evaluation
+SHARE = 0.6  # Fraction of the time used for the fit; the remaining time is used for the evaluation
 SMOOTHING_M = (0.05, 0.1, 0.2, 0.4)
 """Candidates for the RMS distance between the smooth path and the recorded track [m]. The first candidate with a path
 that the machine can follow is used."""
-LEVEL_M = 450.0  # Extent of a track above which level ground in the scenario must be enlarged [m]
+LEVEL_M = 450.0  # Maximum absolute coordinate of a track above which the level ground of the scenario is enlarged [m]
 OF_MAP = ("steer_offset_deg", "steer_scale", "steer_delay_s")
-"""Names of the fitted quantities that the map contains as `steer.offset`, `steer.scale` and `steer.delay_s`."""
+"""Names of the fitted quantities that the column map contains as `steer.offset`, `steer.scale` and `steer.delay_s`."""
 MACHINE, SCENARIO, WAY = "machine.toml", "scenario.toml", "way.csv"
 """Names of the result files: machine, scenario and waypoints."""
 
@@ -123,7 +123,7 @@ class Twin(NamedTuple):
 
     @property
     def beyond_map(self) -> dict[str, Quantity]:
-        """Fitted vehicle quantities that are not part of the map, by key."""
+        """Fitted vehicle quantities that are not part of the column map, by key."""
         return {key: each for key, each in self.vehicle.items() if key not in OF_MAP}
 
 
@@ -137,7 +137,7 @@ def twin(
 ) -> Twin:
     """Identify the digital twin of a machine from logs with a common map. Sizes and masses are those of `scenario`.
 
-    Raises `FieldLogError` or `ScenarioError`.
+    Raises `FieldLogError` for unsuitable logs, `ScenarioError` if no map fits.
     """
     m, height = steered_map(sources[0], log_map), scenario.tractor.antenna_height_m
     name = ", ".join(map(source_name, sources))
@@ -173,8 +173,8 @@ def _texts(
     points: Array | None,
     faults: Sequence[dict[str, Any]] = (),
 ) -> dict[str, str]:
-    """Return the contents of the result files: the machine file and, if the machine can follow the longest forward
-    section, a scenario with waypoints."""
+    """Return the contents of the result files by name: the machine file and, if the machine can follow the waypoints
+    `points`, a scenario with these waypoints."""
     notes = {key: each.note for key, each in keys.items()}
     title = f"Twin of {name}"
     head = f"Keys with a comment are from the log, with the 95 % interval; the others are from {scenario.machine!r}."
