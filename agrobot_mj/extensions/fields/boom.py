@@ -1,4 +1,4 @@
-"""Implement with sections: switching of the sections, and the ground worked by them.
+"""Implement with sections: switching of the sections along a plan, and the ground that the sections work.
 
 As in section control of guidance terminals, sections are switched by the position of the implement along the plan. When
 the position, extrapolated by a look-ahead time, reaches the start or end of a pass, a command is sent, which takes
@@ -48,11 +48,11 @@ class ImplementMotion(NamedTuple):
     s: Array  # Arc length on the plan at the position of the implement [m], as estimated by the guidance computer
 
     def at(self, times: Array) -> "ImplementMotion":
-        """Return the trajectory at `times` [s] by linear interpolation."""
+        """Return the trajectory at `times` [s] by linear interpolation between its samples."""
         return ImplementMotion(times, *(np.interp(times, self.t, values) for values in self[1:]))
 
     def between(self, start: float, end: float) -> "ImplementMotion":
-        """Return the trajectory from `start` to `end` [s], thinned for use as polygon corners."""
+        """Return the trajectory from `start` to `end` [s], with fewer points for use as corners of a polygon."""
         first, last = np.searchsorted(self.t, [start, end], "right")
         near = ImplementMotion(*(values[max(first - 1, 0) : last + 1] for values in self))
         inner = self.t[first:last]
@@ -68,7 +68,7 @@ class ImplementMotion(NamedTuple):
 def switched(motion: ImplementMotion, span: tuple[float, float], rows: slice, boom: Boom) -> Times | None:
     """Return the times at which a section starts and stops working on a pass [s], or None if it does not work.
 
-    `span` is the start and end of the pass along the plan [m]; `rows` selects the samples of `motion` near the pass.
+    `span` contains the ends of the pass along the plan [m]; `rows` selects the samples of `motion` near the pass.
     """
     t, s = motion.t[rows], motion.s[rows]
     if len(t) < 2 or span[1] <= span[0]:
@@ -81,7 +81,7 @@ def switched(motion: ImplementMotion, span: tuple[float, float], rows: slice, bo
 
 
 def _reached(t: Array, s: Array, distance: float) -> float:
-    """Return the time at which the increasing arc length `s` reaches `distance`, or infinity if it never does."""
+    """Return the time at which the increasing arc length `s` reaches `distance` [m], or infinity if it never does."""
     k = int(np.searchsorted(s, distance))
     if k == len(s):
         return float("inf")
@@ -91,7 +91,8 @@ def _reached(t: Array, s: Array, distance: float) -> float:
 
 
 def worked(motion: ImplementMotion, times: list[Times | None], boom: Boom) -> BaseGeometry:
-    """Return the ground worked in one pass. `times` contains the working time interval of each section."""
+    """Return the ground worked in one pass. `times` contains the working interval of each section [s], or None for a
+    section without work."""
     parts = []
     for together, group in groupby(enumerate(times), key=lambda each: each[1]):
         if together is not None:
@@ -102,7 +103,8 @@ def worked(motion: ImplementMotion, times: list[Times | None], boom: Boom) -> Ba
 
 
 def swept(part: ImplementMotion, left: float, right: float) -> BaseGeometry:
-    """Return the ground swept by a bar between the lateral offsets `left` and `right` from the working point [m]."""
+    """Return the ground swept by a bar between the lateral offsets `left` and `right` of the working point [m],
+    positive to the left."""
     edges = [np.column_stack([part.x - np.sin(part.yaw) * d, part.y + np.cos(part.yaw) * d]) for d in (left, right)]
     outline = shapely.polygons(np.concatenate([edges[0], edges[1][::-1]]))
     if shapely.is_valid(outline):

@@ -40,4 +40,4 @@ COMMANDS = {
     ),
     **FIELD_WORK,
 }
-"""Commands of this extension with their help texts."""
+"""Commands for field work with their help entries."""

@@ -150,7 +150,7 @@ def field_run(
 
 
 def _field(file: Path, crs: str, name: str, quiet: bool) -> "Field":
-    """Return the field in a file. Print notes about repairs of its geometry unless `quiet`."""
+    """Return the field in a file. Notes about repairs of its geometry are printed unless `quiet`."""
     from agrobot_mj.core.errors import required
 
     required("shapely", "fields", "field work")
@@ -167,7 +167,7 @@ def _rig(
 ) -> "tuple[Scenario, FieldMachine]":
     """Return the scenario for planning, and the machine data for the planner.
 
-    The path of the scenario contains the turn radius, the transition type and the speed of the plan.
+    The path of this scenario contains the turn radius, the transition type and the speed of the plan.
     """
     from agrobot_mj.core.errors import ScenarioError
     from agrobot_mj.extensions.fields.drive import planning_scenario
@@ -185,8 +185,8 @@ def _rig(
 
 
 def _frame(field: "Field", base: "Scenario", angle: float | None, along: str | None) -> "SwathFrame | None":
-    """Return the coordinate frame of the swaths, or None for automatic selection of the direction with the fewest
-    swaths."""
+    """Return the coordinate frame of the swaths for the options `--angle` and `--along`, or None if the planner selects
+    the direction with the fewest swaths."""
     from agrobot_mj.core.errors import ScenarioError
     from agrobot_mj.extensions.fields.planner.contours import contour_frame
     from agrobot_mj.extensions.fields.planner.swaths import SwathFrame
@@ -252,4 +252,4 @@ COMMANDS = {
         advanced=True,
     ),
 }
-"""Commands `field plan` and `field run` with their help texts."""
+"""Commands `field plan` and `field run` with their help entries."""

@@ -1,7 +1,7 @@
 """Coverage of a field, computed with polygons: worked, overlapped and missed areas.
 
 All areas are inside the field. An area that is worked twice counts twice in `covered_m2` and once in `overlapped_m2`,
-so that covered - overlapped + missed = field. `reached_m2` is the area worked at least once.
+so that the field area equals covered - overlapped + missed area. `reached_m2` is the area worked at least once.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from agrobot_mj.core.signals import Array
 
-SLIVER_M2 = 1e-3  # Area below which a gap or an overlap is omitted in maps and lists [m2]
+SLIVER_M2 = 1e-3  # Area below which maps and lists omit a gap or an overlap [m2]
 SIDES = ("east", "north", "west", "south")
 
 
@@ -23,7 +23,7 @@ class FieldCoverage:
     """Worked, missed and overlapped ground of a field, as polygons."""
 
     field: BaseGeometry  # Area of the field without obstacles
-    body: BaseGeometry  # Body of the field: the area inside the headland laps
+    body: BaseGeometry  # Body of the field: area inside the headland laps, which the swaths cover
     passes: Sequence[BaseGeometry]  # Ground worked in each pass, one polygon per pass
     union: BaseGeometry  # Ground worked at least once, including ground outside the field
     missed: BaseGeometry  # Ground inside the field that no pass has worked
@@ -36,7 +36,7 @@ class FieldCoverage:
 
 
 def coverage(field: BaseGeometry, body: BaseGeometry, passes: Sequence[BaseGeometry]) -> FieldCoverage:
-    """Return the coverage of a field. `passes` contains the ground worked in each pass."""
+    """Return the coverage of a field with the body `body`. `passes` contains the ground worked in each pass."""
     union = shapely.union_all(list(passes))
     tree = shapely.STRtree(list(passes))
     first, second = tree.query(list(passes), predicate="intersects") if passes else (np.empty(0, int),) * 2
@@ -48,8 +48,8 @@ def coverage(field: BaseGeometry, body: BaseGeometry, passes: Sequence[BaseGeome
 
 
 def areas(found: FieldCoverage) -> dict[str, dict[str, float]]:
-    """Return covered, overlapped, missed and reached areas of each part of the field, in m2 and in percent of the
-    part."""
+    """Return the covered, overlapped, missed and reached areas of the field, its headland and its body, in m2 and as
+    percentages of each region."""
     return {name: _areas(found, region) for name, region in found.regions.items()}
 
 
@@ -64,7 +64,7 @@ def _areas(found: FieldCoverage, region: BaseGeometry) -> dict[str, float]:
 
 
 def gaps(found: FieldCoverage) -> list[dict[str, Any]]:
-    """Return the missed area of the field body and of each headland side, in order of decreasing area."""
+    """Return the missed areas in the field body and in each side of the headland [m2], in decreasing order."""
     middle = found.field.centroid
     sums: dict[str, float] = {}
     for part, region in (("headland", found.field.difference(found.body)), ("body", found.body)):
@@ -80,16 +80,16 @@ def gaps(found: FieldCoverage) -> list[dict[str, Any]]:
 
 
 def side_of(east: float, north: float, field: BaseGeometry) -> str:
-    """Return the side of the field (east, north, west or south) for a point given relative to the centroid [m]."""
+    """Return the side of the field (east, north, west or south) of a point, given relative to the centroid [m]."""
     west, south, right, top = field.bounds
     angle = np.arctan2(north / max(top - south, 1e-9), east / max(right - west, 1e-9))
     return SIDES[round(float(angle) / (np.pi / 2)) % 4]
 
 
 def excursion(outlines: Mapping[str, Array], field: BaseGeometry) -> dict[str, Any]:
-    """Return the maximum distance [m], area [m2] and side of the excursions beyond the boundary of `field`, by name.
+    """Return the maximum distance [m], area [m2] and location of excursions beyond the boundary of `field`, by name.
 
-    `outlines` contains arrays of polygons (n,) by name, such as the outlines of the tractor during a run.
+    `outlines` contains arrays of polygons (n,) by name, for example the outlines of the tractor during a run.
     """
     shapely.prepare(field)
     return {name: _excursion(boxes, field) for name, boxes in outlines.items()}

@@ -1,4 +1,4 @@
-"""Crop rows run over by the tractor wheels outside the tramlines.
+"""Crop rows that the tractor wheels run over outside the tramlines.
 
 Rows are parallel lines on the body of the field, in the direction of the swaths or in a given direction. Both edges of
 the first swath are midway between two rows if the working width is a multiple of the row spacing. Tramlines are the
@@ -22,7 +22,7 @@ from agrobot_mj.extensions.fields.planner.swaths import SwathFrame
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.simulation.log import Log
 
-PART_S = 30.0  # Duration of the parts into which the track of a wheel is divided [s]
+PART_S = 30.0  # Duration of the sections into which the track of a wheel is divided [s]
 
 
 class CropRows(NamedTuple):
@@ -33,7 +33,7 @@ class CropRows(NamedTuple):
 
 
 def crop_rows(plan: Plan, spacing: float | None, angle_deg: float | None) -> CropRows | None:
-    """Return the spacing and direction of crop rows, or None without `spacing`. Default direction: along the swaths.
+    """Return the spacing and direction of crop rows, or None if `spacing` is None. Default direction: along the swaths.
 
     Raise `ScenarioError` if only a direction is given, or only a spacing for a plan without a swath direction.
     """
@@ -46,7 +46,7 @@ def crop_rows(plan: Plan, spacing: float | None, angle_deg: float | None) -> Cro
 
 
 def lines_of(rows: CropRows, plan: Plan, body: BaseGeometry) -> Array:
-    """Return the crop rows on the field body `body` as lines, shape (n,)."""
+    """Return the crop rows on the field body `body` as lines, shape (n,), clipped to the body."""
     frame, (x, y, _) = SwathFrame(radians(rows.angle_deg)), plan.course.joints()
     first = next((one for one in plan.passes if one.part == "body"), None)
     if first is None or body.is_empty:
@@ -77,7 +77,7 @@ def run_over(rows: CropRows, plan: Plan, body: BaseGeometry, rig: FieldMachine, 
 
 
 def _tramlines(plan: Plan, rig: FieldMachine, tractor: TractorParameters) -> list[BaseGeometry]:
-    """Return the wheel tracks of an exactly followed plan, for its passes on the field body."""
+    """Return the ground under the wheels on the passes of the field body, if the tractor follows the plan exactly."""
     course = plan.course.divided()
     x, y, yaw = course.joints()
     s = course.distances()
@@ -92,8 +92,8 @@ def _tramlines(plan: Plan, rig: FieldMachine, tractor: TractorParameters) -> lis
 def wheel_tracks(
     tractor: TractorParameters, t: Array, x: Array, y: Array, yaw: Array, steer: Array
 ) -> list[BaseGeometry]:
-    """Return the ground under each of the four wheels in each interval of `PART_S`, for n CG poses at increasing times
-    `t`."""
+    """Return the ground under each of the four wheels in each interval of `PART_S`. The inputs are n CG poses and wheel
+    angles `steer` [rad] at increasing times `t` [s]."""
     found, c, s = list[BaseGeometry](), np.cos(yaw), np.sin(yaw)
     starts = np.arange(t[0], t[-1], PART_S)
     for ahead, width, angle in (

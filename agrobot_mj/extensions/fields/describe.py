@@ -16,12 +16,12 @@ from agrobot_mj.extensions.fields.field import Field
 
 SHARP_DEG = 60.0
 """Minimum change of direction at a sharp corner [deg]. Assumed value: headland laps cannot follow sharper corners."""
-CORNER_M = 1.0  # Tolerance for simplifying a boundary before its corners are counted [m]
-SIDE_IN = 5.0  # Length of the longer side of the map of a field [in]
+CORNER_M = 1.0  # Tolerance for the simplification of a boundary before sharp corners are counted [m]
+SIDE_IN = 5.0  # Length of the longer side of a field map [in]
 
 
 def described(field: Field) -> dict[str, Any]:
-    """Return the geometry, geographic position and repairs of a field as JSON values."""
+    """Return area, perimeter, sharp corners, geographic position and repairs of a field as JSON values."""
     corners = [corner for ring in _rings(field.boundary) for corner in _sharp(ring)]
     return {
         "field": field.name,
@@ -39,7 +39,7 @@ def described(field: Field) -> dict[str, Any]:
 
 
 def lines_of(content: Mapping[str, Any]) -> list[str]:
-    """Return the field description `content`, which `described` returns, as lines of text."""
+    """Return the field description `content`, a result of `described`, as lines of text."""
     corners, plural = content["sharp_corners"], "s" * (content["holes"] != 1)
     first = f"{content['field']}: {content['area_m2'] / 1e4:.4g} ha, perimeter {content['perimeter_m']:.0f} m"
     inner = f"{content['holes']} hole{plural}" if content["holes"] else ""
@@ -62,7 +62,7 @@ def _rings(polygon: Polygon) -> Iterator[Array]:
 
 
 def _sharp(ring: Array) -> Iterator[tuple[float, float, float]]:
-    """Yield x [m], y [m] and change of direction [deg], positive to the left, of each sharp corner of a ring."""
+    """Yield each sharp corner of a ring: x [m], y [m] and change of direction [deg], positive to the left."""
     points = shapely.get_coordinates(Polygon(ring).simplify(CORNER_M).exterior)
     legs = np.diff(points, axis=0)
     yaws = np.arctan2(legs[:, 1], legs[:, 0]).tolist()

@@ -10,24 +10,25 @@ from agrobot_mj.extensions.fields.plan import Plan
 from agrobot_mj.scenario.schema import Scenario, resolve
 
 PLAN_FILE = "field_plan.json"
-EDGE_M = 50.0  # Width of the simulated ground beyond the boundary of the field [m]
-LARGEST_M = 500.0  # Default distance from the origin to the edges of the ground [m]
-GUIDANCE = "lqr"  # Default guidance law. The default law of scenarios may leave the path where a plan reverses.
+EDGE_M = 50.0  # Width of the simulated ground beyond the field boundary [m]
+LARGEST_M = 500.0  # Distance from the origin to the edges of the default ground [m]
+GUIDANCE = "lqr"
+"""Default guidance law for field work. The default law of scenarios may leave the path where a plan reverses."""
 WIDEST_M = 20.0  # Maximum width of the implement body in the simulation [m]
 Overrides = Mapping[str, Any]
 
 
 def planning_scenario(name: str, path: Overrides, overrides: Overrides) -> Scenario:
-    """Return a scenario for planning. Raise `ScenarioError` for invalid overrides.
+    """Return a scenario for planning, whose path has the kind `swaths`. Raise `ScenarioError` for invalid overrides.
 
-    `path` contains the turn radius, transition and speed, as keys of a `swaths` path.
+    `path` contains the turn radius, transition and speed, as keys of the path.
     """
     data = {"name": name, "path": {"kind": "swaths", **path}}
     return resolve(data, name, overrides, files=False)
 
 
 def driving_scenario(field: Field, plan: Plan, file: Path, base: Scenario, overrides: Overrides) -> Scenario:
-    """Return the scenario for following the plan stored in `file`. Raise `ScenarioError` for invalid overrides."""
+    """Return the scenario for simulating the plan stored in `file`. Raise `ScenarioError` for invalid overrides."""
     if any(key.partition(".")[0] == "path" for key in overrides):
         overrides = {key: value for key, value in overrides.items() if key.partition(".")[0] != "path"}
     path = base.path

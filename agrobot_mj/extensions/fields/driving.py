@@ -1,4 +1,4 @@
-"""Simulation of a field plan. The results folder contains the files of `run` and the coverage of the field."""
+"""Simulation of a field plan. The results folder contains the files of a run and the coverage of the field."""
 
 import sys
 import tempfile
@@ -39,7 +39,7 @@ FILES = ("coverage.json", "coverage.geojson", "coverage.png", "coverage.tif")
 
 
 class Hectares(Progress):
-    """Progress bar of a simulation that also shows the area worked so far according to the plan [ha]."""
+    """Progress bar of a simulation that also shows the area [ha] worked so far according to the plan."""
 
     def __init__(self, plan: Plan, path: Any) -> None:
         super().__init__()
@@ -49,7 +49,7 @@ class Hectares(Progress):
         self.hectares = np.column_stack([np.concatenate(([0.0], hectares[:-1])), hectares]).ravel()
 
     def advance(self, first: int) -> None:
-        """Advance the progress bar and update the worked area."""
+        """Update the progress bar and the worked area. `first` is the index of the first new row of the log."""
         super().advance(first)
         if self.bar and self.rows.filled:
             done = np.interp(float(self.rows.column("t", self.rows.filled - 1)[0]), self.times, self.hectares)
@@ -70,7 +70,7 @@ def drive(
     prices: Prices,
     rows: CropRows | None,
 ) -> Answer:
-    """Simulate a plan, write all results, and return the command output."""
+    """Simulate the work on a field, write all results to a folder, and return the output of the command."""
     with tempfile.TemporaryDirectory() as place:
         file = Path(place) / PLAN_FILE
         write_json(file, to_json(plan))
@@ -108,7 +108,7 @@ def drive(
 
 
 def write_coverage(folder: Path, field: Field, drove: FieldDrive, content: dict[str, Any], track: Array) -> None:
-    """Write the coverage of a simulated run as JSON, GeoJSON, raster map and figure."""
+    """Write the coverage of simulated field work as JSON, GeoJSON, raster map and figure."""
     write_json(folder / "coverage.json", content)
     write_json(folder / "coverage.geojson", geojson(drove.field, drove.plan, drove.coverage, field.plane))
     with atomic(folder / "coverage.tif") as path:

@@ -9,22 +9,22 @@ from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.simulation.log import Log
 
 SLOWEST_M_S = 0.2  # Minimum speed at which slip is evaluated [m/s]
-DRIVEN = ("rl", "rr")  # Driven wheels of all machines
+DRIVEN = ("rl", "rr")  # Names of the driven wheels, which are the rear wheels of all machines
 
 
 class Prices(NamedTuple):
-    """Prices of input, yield and time in any currency."""
+    """Prices of field work in any currency: input, lost yield and time."""
 
     input_ha: float = 0.0  # Cost of seed, fertiliser or product [1/ha of worked area]
     yield_ha: float = 0.0  # Value of the yield lost on missed ground [1/ha]
     hour: float = 0.0  # Cost of machine and driver [1/h]
 
 
-NO_PRICES = Prices()  # Prices of zero, with which the cost of a drive is not evaluated
+NO_PRICES = Prices()  # Prices of zero, for which no costs are evaluated
 
 
 def cost(prices: Prices, areas: Mapping[str, float], time_s: float) -> dict[str, float]:
-    """Return the costs of overlaps, gaps and time, and the total. `areas` contains overlapped and missed area [m2]."""
+    """Return the costs of overlaps, gaps and time, and their sum. `areas` contains overlapped and missed area [m2]."""
     parts = {
         "overlap": prices.input_ha * areas["overlapped_m2"] / 1e4,
         "missed": prices.yield_ha * areas["missed_m2"] / 1e4,
@@ -34,10 +34,10 @@ def cost(prices: Prices, areas: Mapping[str, float], time_s: float) -> dict[str,
 
 
 def effort(log: Log) -> dict[str, Any]:
-    """Return energy [MJ], slip [%] and maximum rut depth [m] of a run, or None for quantities that the plant does not
-    provide.
+    """Return energies [MJ], median slip [%] and maximum rut depth [m] of a run. Quantities that the plant does not
+    provide are None.
 
-    The energy at the wheels is the work of the driven wheels during positive drive torque. The energy at the ground is
+    The energy at the wheels is the work of the driven wheels while their power is positive. The energy at the ground is
     the work of all wheel forces along the heading, against draught, slope and inertia. The difference is lost through
     slip and motion resistance.
     """

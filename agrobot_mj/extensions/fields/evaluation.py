@@ -23,17 +23,17 @@ from agrobot_mj.paths.track import Index
 from agrobot_mj.simulation.log import Log
 
 AROUND_M = 5.0
-"""Distance before and after a pass [m] within which the sections of the pass may be switched."""
+"""Distance before and after a pass in which the sections of the implement may be switched [m]."""
 
 
 @dataclass(frozen=True)
 class FieldDrive:
-    """Simulated field work: run, plan, field areas and machine data."""
+    """Simulated field work: run, plan, areas of the field, and data of the machine."""
 
     view: RunView
     plan: Plan
     field: BaseGeometry  # Area of the field without obstacles
-    body: BaseGeometry  # Body of the field: the area inside the headland laps
+    body: BaseGeometry  # Body of the field: area inside the headland laps, which the swaths cover
     rig: FieldMachine
     boom: Boom
     prices: Prices = NO_PRICES
@@ -46,7 +46,7 @@ class FieldDrive:
 
     @cached_property
     def motion(self) -> ImplementMotion:
-        """Trajectory of the working point of the implement."""
+        """Trajectory of the working point of the implement during the run."""
         column = self.log.column
         t, x, y, yaw = (column(name) for name in ("t", "x", "y", "yaw"))
         if "implement_x" in self.log.rows.columns:
@@ -62,7 +62,7 @@ class FieldDrive:
         return kept._replace(yaw=np.unwrap(kept.yaw))
 
     def _travelled(self) -> Array:
-        """Return the position of the CG along the plan at each tick, as arc length [m]."""
+        """Return the arc length of the plan at the position of the CG in each tick [m]."""
         beside = self.view.cg_on_path
         timed = self.log.scenario.path.motion  # type: ignore[union-attr]
         k = np.clip(np.searchsorted(timed.times, np.nan_to_num(beside.time), "right") - 1, 0, len(timed.speeds) - 2)
@@ -75,7 +75,7 @@ class FieldDrive:
 
     @cached_property
     def times(self) -> list[list[Times | None]]:
-        """Times at which each section starts and stops working in each pass [s], or None if it does not work."""
+        """Working interval of each section in each pass [s], or None for a section without work."""
         reached = np.maximum.accumulate(self.motion.s)
 
         def of(one: PlannedPass) -> list[Times | None]:
@@ -89,13 +89,13 @@ class FieldDrive:
 
     @cached_property
     def coverage(self) -> FieldCoverage:
-        """Coverage of the field, computed from the ground worked by the sections."""
+        """Coverage of the field, computed from the ground that the sections worked."""
         ground = [worked(self.motion, times, self.boom) for times in self.times]
         return coverage(self.field, self.body, [each for each in ground if not each.is_empty])
 
     @cached_property
     def outlines(self) -> dict[str, Array]:
-        """Outlines of the tractor and implement at points of the run, as polygons (n,) by name."""
+        """Outlines of the tractor and of the implement about every 0.5 m of the track, as polygons (n,) by name."""
         rows = self._thin
         column, motion = self.log.column, self.motion
         at = np.searchsorted(motion.t, column("t")[rows]).clip(0, len(motion.t) - 1)
@@ -107,7 +107,7 @@ class FieldDrive:
 
     @cached_property
     def _thin(self) -> Index:
-        """Row indices of the log at a spacing of about 0.5 m along the track."""
+        """Indices of log rows at a spacing of about 0.5 m along the track."""
         x, y = self.log.column("x"), self.log.column("y")
         travelled = np.concatenate(([0.0], np.cumsum(np.nan_to_num(np.hypot(np.diff(x), np.diff(y))))))
         rows: Index = np.flatnonzero(np.diff(np.floor(travelled / THIN_M), prepend=-1.0) > 0)
@@ -115,8 +115,8 @@ class FieldDrive:
         return kept
 
     def spans(self) -> list[Times | None]:
-        """Return the interval from the first start to the last stop of a section in each pass [s], or None for a pass
-        without work."""
+        """Return the working interval of each pass [s], from the first start to the last stop of a section, or None for
+        a pass without work."""
         found: list[Times | None] = []
         for times in self.times:
             some = [each for each in times if each is not None]
@@ -124,7 +124,7 @@ class FieldDrive:
         return found
 
     def turns(self) -> list[dict[str, float]]:
-        """Return duration, swept width and peak steering angle of each turn between two swaths."""
+        """Return the position, duration, swept width and peak steering angle of each turn between two swaths."""
         t, steer, thin = self.log.column("t"), self.log.column("steer"), self.log.column("t")[self._thin]
         found = []
         for (one, before), (other, after) in pairwise(zip(self.plan.passes, self.spans(), strict=True)):
@@ -140,7 +140,7 @@ class FieldDrive:
         return found
 
     def swaths(self) -> list[WorkedPass]:
-        """Return the swaths on the body of the field, with the motion of the implement on each swath."""
+        """Return the planned and the actual motion of the implement on each swath of the field body."""
         planned = planned_motion(self.plan, self.log.scenario.tractor.cg_to_rear_axle)
         return [
             WorkedPass(planned.between(one.start, one.end), self.motion.between(*span))
@@ -150,7 +150,7 @@ class FieldDrive:
 
 
 def report(drive: FieldDrive) -> dict[str, Any]:
-    """Return all results of simulated field work as JSON values."""
+    """Return all results of simulated field work as JSON values, including a summary sentence."""
     found, turns, log = drive.coverage, drive.turns(), drive.log
     by_part, t = areas(found), log.column("t")
     x, y = log.column("x"), log.column("y")
@@ -187,7 +187,7 @@ def _length(motion: ImplementMotion, span: Times) -> float:
 
 
 def sentence(content: dict[str, Any]) -> str:
-    """Return a one-sentence summary of the results: coverage, gaps, excursions and crop rows."""
+    """Return a summary of the results in one sentence: coverage, gaps, excursions and crop rows."""
     whole = content["areas"]["field"]
     hectares = f"{whole['reached_m2'] / 1e4:.3g} of {whole['area_m2'] / 1e4:.3g} ha covered"
     text = f"{hectares}, {whole['overlapped_percent']:.1f} % overlapped, {whole['missed_percent']:.1f} % missed"

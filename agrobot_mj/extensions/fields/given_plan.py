@@ -1,4 +1,4 @@
-"""Plans of other programs: the lines of a file become courses that the machine can follow, joined by connections."""
+"""Plans of other programs: file lines become courses that the machine can follow, joined by connections."""
 
 from dataclasses import replace
 from math import hypot
@@ -22,11 +22,11 @@ from agrobot_mj.paths.track import Piece
 
 SAME_M = 1e-6  # Maximum difference between equal working widths [m]
 APART_M, APART_RAD = 0.05, 0.02
-"""Distance [m] and heading difference [rad] between successive legs above which a connection is necessary."""
+"""Distance [m] and heading difference [rad] above which two successive legs need a connection between them."""
 
 
 def stored_plan(file: Path) -> Plan | None:
-    """Return the plan in a `field plan` file, or None for other files. Raise `ScenarioError` for a damaged plan."""
+    """Return the plan in a file of `field plan`, or None for other files. Raise `ScenarioError` for a damaged plan."""
     try:
         if file.suffix != ".json" or FORMAT not in file.read_text("utf-8", "replace")[:200]:
             return None
@@ -38,7 +38,7 @@ def stored_plan(file: Path) -> Plan | None:
 
 
 def given_plan(file: Path, stored: Plan | None, field: Field, rig: FieldMachine, sections: int) -> Plan:
-    """Return the plan `stored`, or a plan along the lines of `file` if `stored` is None.
+    """Return the plan `stored` or, if it is None, a plan along the lines in `file`, with updated warnings.
 
     Raise `ScenarioError` if the machine cannot follow the plan.
     """
@@ -51,7 +51,7 @@ def given_plan(file: Path, stored: Plan | None, field: Field, rig: FieldMachine,
 
 
 def _check(plan: Plan, name: str, rig: FieldMachine) -> None:
-    """Raise `ScenarioError` if the machine has another working width than the plan, or if it cannot follow a bend."""
+    """Raise `ScenarioError` if the machine differs from the plan in working width, or cannot follow a bend."""
     if abs(plan.width - rig.width) > SAME_M:
         raise ScenarioError(f"--width {rig.width:g}: the plan {name} is for a width of {plan.width:g} m; omit --width")
     place = plan.course.sharpest()
@@ -63,7 +63,7 @@ def _check(plan: Plan, name: str, rig: FieldMachine) -> None:
 
 
 def _of_lines(file: Path, field: Field, rig: FieldMachine, sections: int) -> Plan:
-    """Return a plan along the lines of a file. Raise `ScenarioError` if the machine cannot follow the lines."""
+    """Return a plan along the lines in a file. Raise `ScenarioError` if the machine cannot follow the lines."""
     from agrobot_mj.extensions.fields.reading import read_plan
 
     legs = read_plan(file, field)
@@ -74,8 +74,8 @@ def _of_lines(file: Path, field: Field, rig: FieldMachine, sections: int) -> Pla
 
 
 def plan_of_legs(name: str, legs: tuple[Leg, ...], rig: FieldMachine, sections: int) -> Plan:
-    """Return a plan along legs, joined by connections. Raise a ValueError that names a leg the machine cannot
-    follow."""
+    """Return a plan along `legs`, which connections join. Raise a ValueError with the number of a leg that the machine
+    cannot follow."""
     pieces: list[Piece] = []
     passes: list[PlannedPass] = []
     start: Pose | None = None
@@ -103,7 +103,7 @@ def plan_of_legs(name: str, legs: tuple[Leg, ...], rig: FieldMachine, sections: 
 
 
 def _apart(pose: Pose, begin: Pose) -> bool:
-    """Return whether the end pose of a leg differs from the start pose `begin` of the next leg."""
+    """Return whether a leg ends away from the start pose `begin` of the next leg, in position or heading."""
     return hypot(begin.x - pose.x, begin.y - pose.y) > APART_M or abs(wrap(begin.yaw - pose.yaw)) > APART_RAD
 
 

@@ -1,4 +1,4 @@
-"""Recording of field work with the field boundary and, after the run, gaps and overlaps."""
+"""Rerun recording of field work with the field boundary and, after the run, the gaps and overlaps."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -17,11 +17,11 @@ from agrobot_mj.recording.world.outlines import send_outlines
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log, Rows
 
-SMALLEST_M2 = 0.01  # Area below which a gap or an overlap has no outline in a recording [m2]
+SMALLEST_M2 = 0.01  # Area below which a gap or an overlap is not drawn in a recording [m2]
 
 
 class WorkRecording(Recording):
-    """Recording of a run with outlines of the field, gaps and overlaps."""
+    """Rerun recording of a run with outlines of the field, gaps and overlaps."""
 
     def __init__(self, path: Path, field: BaseGeometry, covered: Callable[[Log], FieldCoverage]) -> None:
         super().__init__(path)
@@ -46,6 +46,6 @@ class WorkRecording(Recording):
 
 
 def outlines(area: BaseGeometry) -> list[Array]:
-    """Return the rings of an area, each of shape (n, 2) [m], without parts smaller than `SMALLEST_M2`."""
+    """Return the rings of an area, shape (n, 2) each [m], without polygons smaller than `SMALLEST_M2`."""
     parts = [part for part in shapely.get_parts(area) if part.geom_type == "Polygon" and part.area > SMALLEST_M2]
     return [np.array(ring.coords)[:, :2] for part in parts for ring in (part.exterior, *part.interiors)]

@@ -1,5 +1,5 @@
-"""Conversion of plan lines to legs, which have constant travel direction and constant working state of the
-implement."""
+"""Conversion of plan lines to legs. Along a leg, the travel direction and the working state of the implement are
+constant."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import isfinite
@@ -22,7 +22,7 @@ TURNS = ("turn", "connection", "transfer", "transport", "headland_turn")
 def legs_of(lines: Sequence[Polyline], boundary: Polygon) -> tuple[Leg, ...]:
     """Return the legs of all lines, in the order of the lines.
 
-    A line with the property `extends` is extended at both ends and clipped to the boundary.
+    A line with the property `extends` is extended straight at both ends and clipped to the boundary.
     """
     return tuple(leg for line in lines for leg in _of_line(line, boundary) if len(leg.points) >= 2)
 
@@ -40,9 +40,9 @@ def _of_line(line: Polyline, boundary: Polygon) -> Iterator[Leg]:
 
 
 def _by_state(line: Polyline, working: bool) -> Iterator[Leg]:
-    """Yield a leg for each part of a line with constant direction and working state.
+    """Yield a leg for each section of a line with constant direction and constant working state.
 
-    The values of a point apply to the line segment after the point.
+    The properties of a point apply to the line segment after the point.
     """
     kept = distinct(line.points)
     columns = {name: values[kept] for name, values in line.columns.items()}
@@ -60,7 +60,7 @@ def _by_state(line: Polyline, working: bool) -> Iterator[Leg]:
 
 
 def _inside(points: Array, boundary: Polygon) -> Iterator[Array]:
-    """Extend a line straight at both ends, and yield the parts of the extended line inside the boundary."""
+    """Extend a line straight at both ends, and yield the parts of this line that are inside the boundary."""
     first, last = points[0] - points[1], points[-1] - points[-2]
     ends = (first / np.hypot(*first), last / np.hypot(*last)) if np.hypot(*first) and np.hypot(*last) else (0, 0)
     line = LineString([points[0] + BEYOND_M * ends[0], *points, points[-1] + BEYOND_M * ends[1]])
@@ -79,7 +79,7 @@ def _speed(said: Mapping[str, Any]) -> float | None:
 
 
 def _works(said: Mapping[str, Any]) -> bool:
-    """Return whether the implement works on a line according to the properties of the line. Default: True."""
+    """Return whether the implement works on a line, according to the properties of the line. Default: True."""
     for key in ("working", "work", "implement"):
         if isinstance(said.get(key), bool | int | float):
             return bool(said[key])
@@ -87,7 +87,7 @@ def _works(said: Mapping[str, Any]) -> bool:
 
 
 def _reverses(said: Mapping[str, Any]) -> bool:
-    """Return whether the properties of a line specify travel in reverse."""
+    """Return whether the tractor drives along a line in reverse, according to the properties of the line."""
     direction = said.get("direction")
     if isinstance(direction, int | float):
         return direction < 0

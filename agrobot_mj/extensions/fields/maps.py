@@ -19,13 +19,13 @@ from agrobot_mj.extensions.fields.coverage import SLIVER_M2, FieldCoverage
 from agrobot_mj.extensions.fields.plan import Plan
 from agrobot_mj.paths.imports.geojson import LOCAL
 
-OUTLINE_M = 0.01  # Tolerance of the outline of covered ground in files [m]
+OUTLINE_M = 0.01  # Tolerance for simplifying the outline of covered ground in files [m]
 WIDTH_IN, TALLEST_IN = 7.0, 8.0  # Width and maximum height of a map [in]
 
 
 def map_of(field: BaseGeometry, plan: Plan, found: FieldCoverage | None = None, track: Array | None = None) -> Figure:
-    """Draw the map of a plan, or of simulated field work with the coverage `found` and the tractor track `track` (n, 2)
-    [m]."""
+    """Draw the map of a plan or, if given, the coverage `found` and the tractor track `track` (n, 2) [m] of simulated
+    field work."""
     west, south, east, north = field.bounds
     height = min(TALLEST_IN, WIDTH_IN * (north - south) / (east - west) + 0.9)
     figure = Figure((WIDTH_IN, height), layout="constrained")
@@ -52,7 +52,7 @@ def map_of(field: BaseGeometry, plan: Plan, found: FieldCoverage | None = None, 
 
 
 def _layers(found: FieldCoverage) -> Iterator[tuple[BaseGeometry, str, str]]:
-    """Yield the polygon, colour and name of each coverage area."""
+    """Yield polygon, colour and name of the covered, overlapped and missed areas."""
     yield found.union, LIGHT_GREY, "covered"
     yield found.overlapped, ORANGE, "overlapped"
     yield found.missed, VERMILION, "missed"
@@ -70,7 +70,7 @@ def _fill(axes: Any, area: BaseGeometry, colour: str) -> None:
 
 
 def _lines(plan: Plan) -> Iterator[tuple[str, Array]]:
-    """Yield the type (`pass` or `turn`) and the points (n, 2) [m] of each pass and each turn of a plan."""
+    """Yield the points (n, 2) [m] of each pass and each turn of a plan, with the type `pass` or `turn`."""
     course = plan.course.divided()
     x, y, _ = course.joints()
     points, distances = np.column_stack([x, y]), course.distances()
@@ -86,7 +86,7 @@ def _lines(plan: Plan) -> Iterator[tuple[str, Array]]:
 def geojson(
     field: BaseGeometry, plan: Plan, found: FieldCoverage | None = None, plane: Origin | None = None
 ) -> dict[str, Any]:
-    """Return a plan and its coverage as GeoJSON.
+    """Return a plan and, if given, the coverage `found` as GeoJSON.
 
     Coordinates are in degrees, or in metres if the geographic position `plane` of the field is unknown.
     """
@@ -108,7 +108,7 @@ def geojson(
 
 
 def _feature(shape: BaseGeometry, properties: dict[str, Any], plane: Origin | None) -> dict[str, Any]:
-    """Return a GeoJSON feature with coordinates rounded to 0.1 mm or 1e-9 deg."""
+    """Return a GeoJSON feature for a shape, with coordinates rounded to 0.1 mm or 1e-9 deg."""
     if plane is not None:
         shape = shapely.transform(shape, lambda points: _degrees(points, plane))
     geometry = shapely.geometry.mapping(

@@ -1,8 +1,8 @@
 """Operational results of field work: turns, pass-to-pass accuracy, and field capacity.
 
-The definitions are those of [ASABE2006]. The effective field capacity is the field area divided by the time. The
-theoretical field capacity is the working width times the planned working speed. The field efficiency is the effective
-capacity divided by the theoretical capacity.
+The definitions follow [ASABE2006]. The effective field capacity is the area worked at least once, divided by the time.
+The theoretical field capacity is the working width times the planned working speed. The field efficiency is the
+effective capacity divided by the theoretical capacity.
 """
 
 from collections.abc import Sequence
@@ -14,34 +14,34 @@ import shapely
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.boom import ImplementMotion
 
-STATION_M = 0.25  # Distance between the points along a pass at which neighbouring passes are compared [m]
+STATION_M = 0.25  # Distance between the points along a pass at which errors are evaluated [m]
 TOLERANCE = 0.1  # Maximum relative deviation of the distance between neighbouring passes from the planned spacing [-]
 PARALLEL = 0.98  # Minimum cosine of the angle between neighbouring passes [-]
-LEAST = 20  # Minimum number of points for a statistical result
+LEAST = 20  # Minimum number of points for statistics of errors
 
 
 class WorkedPass(NamedTuple):
-    """Planned swath with the motion of the implement on the swath."""
+    """Planned and actual motion of the implement on one swath."""
 
     planned: ImplementMotion  # Planned motion of the working point of the implement
-    motion: ImplementMotion  # Motion of the working point while the implement works
+    motion: ImplementMotion  # Actual motion of the working point while the implement works
 
 
 class PassErrors(NamedTuple):
-    """Lateral errors of the implement at points along a planned swath; the arrays have shape (n,) or (n, 2)."""
+    """Lateral errors of the implement at n points along a planned swath. Arrays have the shape (n,) or (n, 2)."""
 
     line: shapely.LineString  # Planned swath
     points: Array  # Points on the planned swath [m], east and north
-    ahead: Array  # Unit vectors in the direction of the swath at these points
+    ahead: Array  # Unit vectors in the direction of the swath at these points, east and north
     stations: Array  # Distances of the points from the start of the swath [m]
     errors: Array  # Lateral errors at the points [m], positive to the left of the swath
 
 
 def pass_to_pass(passes: Sequence[WorkedPass], spacing: float) -> dict[str, Any]:
-    """Return the pass-to-pass errors of neighbouring passes and the cross-track errors at the implement [m].
+    """Return the pass-to-pass errors between neighbouring passes and the cross-track errors of the implement [m].
 
-    Neighbours are parts of passes, straight or curved, at the distance `spacing` [m]. The error is the actual distance
-    minus the planned distance. Errors from fewer than `LEAST` points are None.
+    Neighbours are sections of passes, straight or curved, at the distance `spacing` [m]. The pass-to-pass error is the
+    actual distance minus the planned distance. Errors from fewer than `LEAST` points are None.
     """
     found = [each for one in passes if (each := _errors(one)) is not None]
     lines, excess = np.array([each.line for each in found]), list[Array]()
@@ -74,7 +74,7 @@ def _errors(one: WorkedPass) -> PassErrors | None:
 
 
 def _on(line: shapely.LineString, distances: Array) -> tuple[Array, Array]:
-    """Return points at `distances` [m] along a line and unit vectors of its direction, each of shape (n, 2)."""
+    """Return points at `distances` [m] along a line, and unit vectors of its direction, shape (n, 2) each."""
     corners = shapely.get_coordinates(line)
     steps = np.diff(corners, axis=0)
     lengths = np.hypot(*steps.T)
@@ -85,7 +85,7 @@ def _on(line: shapely.LineString, distances: Array) -> tuple[Array, Array]:
 
 
 def _excess(one: PassErrors, other: PassErrors, spacing: float) -> Array:
-    """Return the actual minus the planned distance [m] between two passes, at the points where they are neighbours."""
+    """Return the actual minus the planned distance of two passes [m], at the points where they are neighbours."""
     along = shapely.line_locate_point(other.line, shapely.points(one.points))
     feet, direction = _on(other.line, along)
     towards = feet - one.points
@@ -103,10 +103,10 @@ def _p95(values: Array) -> float | None:
 
 
 def turn_of(boxes: Array, at: tuple[float, float, float], t: Array, steer: Array) -> dict[str, float]:
-    """Return the position, duration [s], swept width [m] and peak steering angle [deg] of a turn.
+    """Return the position [m], duration [s], swept width [m] and peak steering angle [deg] of a turn.
 
-    `boxes` are outlines of the tractor and implement in the turn; `at` is the implement pose at the end of the pass.
-    The swept width is the maximum distance of the outlines beyond this pose, in the direction of the pass.
+    `boxes` contains outlines of the tractor and implement in the turn; `at` is the implement pose at the end of the
+    pass. The swept width is the maximum distance of the outlines beyond this pose, in the direction of the pass.
     """
     x, y, yaw = at
     corners = shapely.get_coordinates(boxes)
@@ -121,7 +121,7 @@ def turn_of(boxes: Array, at: tuple[float, float, float], t: Array, steer: Array
 
 
 def summary(turns: Sequence[dict[str, float]]) -> dict[str, float]:
-    """Return the count, total and median duration, maximum swept width and peak steering angle of turns."""
+    """Return number, total and median duration, maximum swept width and peak steering angle of turns, by name."""
     if not turns:
         return {"count": 0}
     values = {key: [turn[key] for turn in turns] for key in ("time_s", "swept_width_m", "peak_steer_deg")}
@@ -135,7 +135,7 @@ def summary(turns: Sequence[dict[str, float]]) -> dict[str, float]:
 
 
 def capacity(area_m2: float, time_s: float, width: float, speed: float) -> dict[str, float]:
-    """Return the effective and theoretical field capacity [ha/h], and the field efficiency [-]."""
+    """Return effective and theoretical field capacity [ha/h], and field efficiency [-], for a worked area and time."""
     theoretical = width * speed * 0.36
     effective = area_m2 / 1e4 / (time_s / 3600)
     return {

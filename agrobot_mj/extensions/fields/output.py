@@ -17,7 +17,7 @@ from agrobot_mj.studies.style import write_figure
 
 
 def write_plan(folder: Path, field: Field, plan: Plan) -> None:
-    """Write a plan as JSON, GeoJSON and map figure."""
+    """Write a plan to `folder` as JSON, GeoJSON and map figure."""
     whole = whole_of(field)
     write_json(folder / PLAN_FILE, to_json(plan))
     write_json(folder / "plan.geojson", geojson(whole, plan, plane=field.plane))
@@ -25,14 +25,14 @@ def write_plan(folder: Path, field: Field, plan: Plan) -> None:
 
 
 def write_scenario(folder: Path, field: Field, plan: Plan, base: Scenario, overrides: Mapping[str, Any]) -> None:
-    """Write a scenario for following the plan file in `folder`, for example for comparisons and sweeps."""
+    """Write a scenario for simulating the plan file in `folder`, for example in comparisons and sweeps."""
     scenario = driving_scenario(field, plan, (folder / PLAN_FILE).absolute(), base, overrides)
     with atomic(folder / "scenario.toml") as path:
         path.write_text(scenario.portable()[0], encoding="utf-8")
 
 
 def plan_text(plan: Plan, field: Field, depth: float) -> tuple[str, dict[str, Any]]:
-    """Return a text summary and the numbers of a plan. `depth` is the headland width required for the turns [m]."""
+    """Return a summary text and the numbers of a plan. `depth` is the headland width required for the turns [m]."""
     ideal = areas(planned_coverage(plan, whole_of(field), body_of(field, plan)))["field"]
     swaths = sum(one.part == "body" for one in plan.passes)
     numbers = {

@@ -1,6 +1,6 @@
 """Plan of field work: a course of arcs and clothoids, and the passes in which the implement works.
 
-Distances are travelled distances of the CG along the course [m]. The implement is behind the CG; a pass starts and ends
+Distances are distances travelled by the CG along the course [m]. The implement is behind the CG; a pass starts and ends
 at the CG distances at which the implement reaches the ends of the pass. Plan files are in JSON format.
 """
 
@@ -22,13 +22,13 @@ Part = Literal["headland", "body"]
 
 
 class PlannedPass(NamedTuple):
-    """Interval of a plan in which the implement works: a headland lap or a swath."""
+    """Section of a plan in which the implement works: a headland lap or a swath."""
 
-    part: Part  # Part of the field in which the pass is: a headland lap, or a swath of the body
-    start: float  # Travelled distance at which the implement reaches the pass [m]
-    end: float  # Travelled distance at which the implement leaves the pass [m]
+    part: Part  # Type of the pass: `headland` for a headland lap, `body` for a swath
+    start: float  # Distance travelled by the CG when the implement reaches the pass [m]
+    end: float  # Distance travelled by the CG when the implement leaves the pass [m]
     sections: tuple[tuple[float, float], ...]
-    """Travelled distances at which each section is switched on and off [m], for sections from left to right."""
+    """Distances travelled by the CG when each section is switched on and off [m], for sections from left to right."""
 
 
 @dataclass(frozen=True)
@@ -48,17 +48,17 @@ class Plan:
     headlands: int = 0  # Number of headland laps, or 0 for an imported plan
     margin: float = 0.0  # Width of the strip along the boundary that is not worked [m]
     overlap: float = 0.0  # Planned overlap between neighbouring passes [m]
-    ground: str = ""  # Area of the field without obstacles, as well-known text [m]
-    warnings: tuple[str, ...] = ()  # Warnings about places at which the plan leaves the field or crosses worked ground
+    ground: str = ""  # Area of the field without obstacles, as well-known text with coordinates in m
+    warnings: tuple[str, ...] = ()  # Warnings about points at which the plan leaves the field or crosses the field body
 
     @cached_property
     def course(self) -> Course:
-        """Course of the plan as a chain of segments."""
+        """Course of the plan as a chain of path segments."""
         return chain(self.start, self.pieces, self.pause_s)
 
     @property
     def length(self) -> float:
-        """Length of the course [m]."""
+        """Length of the course, including turns [m]."""
         return sum(piece.length for piece in self.pieces)
 
     @property
@@ -68,7 +68,7 @@ class Plan:
 
 
 def to_json(plan: Plan) -> dict[str, Any]:
-    """Return a plan as JSON values."""
+    """Return a plan as JSON values for a plan file."""
     content = asdict(plan)
     content["pieces"] = [[None if not isfinite(value) else value for value in piece] for piece in plan.pieces]
     content["passes"] = [one._asdict() for one in plan.passes]

@@ -10,7 +10,7 @@ from agrobot_mj.paths.track import Course
 
 
 class FieldPlan(FromFile):
-    """Path along a field work plan."""
+    """Path along a field work plan stored in a file."""
 
     kind: Literal["field_plan"] = "field_plan"
     suffixes: ClassVar[tuple[str, ...]] = SUFFIXES

@@ -13,7 +13,7 @@ from agrobot_mj.paths.track import Course
 
 
 def planned_coverage(plan: Plan, whole: BaseGeometry, body: BaseGeometry, sections: int = 1) -> FieldCoverage:
-    """Return the coverage of a plan that the tractor follows exactly with a rigidly mounted implement.
+    """Return the coverage of a plan if the tractor with a rigidly mounted implement follows it exactly.
 
     `whole` is the field area, and `body` the area inside the headland laps.
     """
@@ -28,7 +28,7 @@ def planned_motion(plan: Plan, cg_to_rear_axle: float = 0.0) -> ImplementMotion:
     """Return the motion of a rigidly mounted implement if the CG follows the plan exactly.
 
     Travelled distances [m] take the place of times. The rear axle, at the distance `cg_to_rear_axle` [m] behind the CG,
-    rolls without sideslip; with 0 the tractor has the heading of the course.
+    rolls without sideslip. If this distance is 0, the tractor has the heading of the course.
     """
     course = plan.course.divided()
     x, y, yaw = course.joints()
@@ -41,10 +41,10 @@ def planned_motion(plan: Plan, cg_to_rear_axle: float = 0.0) -> ImplementMotion:
 
 
 def _sideslip(course: Course, length: float) -> Array:
-    """Return the sideslip [rad] at each joint of a course in forward travel, shape (segments + 1,).
+    """Return the sideslip of the CG [rad] at each joint of a course in forward travel, shape (segments + 1,).
 
-    The sideslip beta of a point `length` [m] ahead of an axle without sideslip follows d(beta)/ds = kappa -
-    sin(beta) / length (see `control.following`).
+    The sideslip beta of a point `length` [m] ahead of an axle without sideslip follows d(beta)/ds = kappa - sin(beta) /
+    length (see `control.following`).
     """
     steady = np.arcsin(np.clip(length * (course.curvatures + course.ends) / 2, -0.95, 0.95))
     kept = np.exp(-course.lengths / length)

@@ -1,4 +1,4 @@
-"""Raster map of the number of passes as a GeoTIFF, for display. Areas are computed from polygons instead.
+"""Raster map with the number of passes as a GeoTIFF, for display. Areas are computed from polygons instead.
 
 The band has one byte per cell: the number of passes that worked the centre of the cell, 0 for missed ground, or 255
 outside the field. For a field with a known position, the map is in degrees of WGS 84. Cells are then displaced by at
@@ -22,7 +22,7 @@ OUTSIDE = 255  # Value of cells outside the field
 
 
 def write_raster(path: Path, found: FieldCoverage, plane: Origin | None) -> None:
-    """Write the number of passes in each cell of a field to a GeoTIFF."""
+    """Write the number of passes in each cell of a field map to a GeoTIFF file."""
     west, south, east, north = found.field.bounds
     cell = max(CELL_M, (east - west) / MOST_CELLS, (north - south) / MOST_CELLS)
     columns, rows = ceil((east - west) / cell), ceil((north - south) / cell)
@@ -42,7 +42,7 @@ def write_raster(path: Path, found: FieldCoverage, plane: Origin | None) -> None
 
 
 def _count(counts: "np.ndarray[tuple[int, ...], np.dtype[np.int64]]", area: BaseGeometry, x: Array, y: Array) -> None:
-    """Add 1 to each cell whose centre is inside an area. Cell centres have ascending `x` and descending `y`."""
+    """Add 1 to each cell whose centre is inside an area. The cell centres have ascending `x` and descending `y` [m]."""
     west, south, east, north = area.bounds
     wide = slice(*np.searchsorted(x, [west, east]).tolist())
     high = slice(*np.searchsorted(-y, [-north, -south]).tolist())

@@ -24,17 +24,19 @@ from agrobot_mj.paths.imports.plane import FAR_M
 
 INNER = ("hole", "obstacle", "headland")  # Roles of rings that belong to the preceding boundary
 SAME, APART = 1e-9, 0.05
-"""Distance between the ends of a line divided by its extent [-]: maximum for a closed ring, minimum for an open
-line."""
+"""Limits of the gap between the ends of a line, divided by the extent of the line [-]. A gap up to `SAME` closes a
+ring. A gap above `APART` is reported."""
 
-REPEATED = 0.9  # Fraction of a field above which a ring inside it is a second outline [-]. Assumed value.
-CENTRED_M = 1.0  # Maximum distance between the origin and the middle of a boundary whose file has no origin [m]
+REPEATED = 0.9
+"""Fraction of the field area above which a ring inside the field counts as a second outline [-]. Assumed value."""
+CENTRED_M = 1.0
+"""Distance of the boundary centre from the origin above which a file without an origin gets a new origin [m]."""
 
 
 def read_field(path: Path, crs: str = "", name: str = "") -> Field:
     """Return the field `name` in a file. Default: the largest field.
 
-    `crs`, such as EPSG:25832, is the coordinate system of a file that specifies no coordinate system. Raise a
+    `crs`, for example EPSG:25832, is the coordinate system of a file that specifies no coordinate system. Raise a
     `ScenarioError` that names the file and the remedy if the file is unusable.
     """
     file = field_shapes(path)
@@ -58,7 +60,7 @@ def read_field(path: Path, crs: str = "", name: str = "") -> Field:
 def _groups(shapes: Sequence[Polyline]) -> list[list[Polyline]]:
     """Return groups of an outer ring and its inner rings.
 
-    In a file without rings, lines and points are treated as rings.
+    In a file without rings, lines or points are treated as rings.
     """
     rings = [shape for shape in shapes if shape.ring and len(shape.points)]
     if not rings:
@@ -75,14 +77,14 @@ def _groups(shapes: Sequence[Polyline]) -> list[list[Polyline]]:
 
 
 def _is_open_line(shapes: Sequence[Polyline], ring: Array) -> bool:
-    """Return whether the points of `ring` form a line with distant ends, unlike tables of points and closed rings."""
+    """Return whether the points of `ring` form a line with distant ends. Tables of points do not count."""
     if any(shape.ring or shape.role == "point" or "row" in shape.columns for shape in shapes):
         return False
     return float(np.hypot(*(ring[-1] - ring[0]))) > APART * float(np.ptp(ring, axis=0).max())
 
 
 def _split(line: Polyline) -> list[Polyline]:
-    """Split a line into closed rings. A line that does not close is a single ring."""
+    """Split a line into closed rings. A line that does not close becomes a single ring."""
     points, found, start = line.points, list[Polyline](), 0
     near = SAME * float(np.ptp(points, axis=0).max()) if len(points) else 0.0
     while start < len(points):
@@ -113,7 +115,7 @@ def _chosen(groups: list[list[Polyline]], name: str) -> tuple[list[Polyline], li
 
 
 def _area(points: Array) -> float:
-    """Return the area of a ring in squared coordinate units, for comparisons."""
+    """Return the area of a ring in squared coordinate units, for comparisons between rings."""
     x, y = (points - points[0]).T
     return abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2
 
@@ -124,7 +126,7 @@ def _is_within(inner: Array, outer: Array) -> bool:
 
 
 def _field(local: LocalShapes, name: str, notes: list[str]) -> Field:
-    """Return a field from its boundary, which is the first shape, and its inner rings."""
+    """Return a field from a boundary, which is the first shape, and the inner rings, which are the other shapes."""
     boundary, more = boundary_polygon(local.shapes[0].points)
     notes = [*local.notes, *notes, *more]
     inner: dict[str, list[Polygon]] = {"hole": [], "obstacle": [], "headland": []}
@@ -153,7 +155,7 @@ def _field(local: LocalShapes, name: str, notes: list[str]) -> Field:
 
 
 def _middle(field: Field, file: ShapeFile) -> LocalShapes | None:
-    """Return a local plane with its origin at the middle of the boundary, or None if the current origin is kept.
+    """Return a new local plane with its origin at the middle of the boundary, or None if the current plane is suitable.
 
     The first plane of a file may be off-centre, because it includes points and rings that are later omitted.
     """
@@ -167,7 +169,7 @@ def _middle(field: Field, file: ShapeFile) -> LocalShapes | None:
 
 
 def read_plan(path: Path, field: Field, crs: str = "") -> tuple[Leg, ...]:
-    """Return the legs of a plan file in the plane of a field.
+    """Return the legs in a plan file, in the local plane of a field.
 
     Raise a `ScenarioError` that names the file and the remedy if the file is unusable.
     """

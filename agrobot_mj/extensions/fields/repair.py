@@ -12,14 +12,14 @@ from agrobot_mj.paths.track import Index
 
 LEAST_M2 = 10.0  # Minimum area of a field [m2]. Assumed value: smaller than a machine.
 MOST_POINTS, WITHIN_M = 20_000, 0.02
-"""Maximum number of points of a ring without simplification [-], and tolerance of the simplification [m]."""
-SLIVER_M2 = 0.01  # Area of removed parts of a polygon below which there is no note [m2]
+"""Number of points above which a ring is simplified [-], and tolerance of the simplification [m]."""
+SLIVER_M2 = 0.01  # Area below which the loss of a part of a polygon is not reported [m2]
 MOST_LOST = 0.05  # Maximum fraction of the area that the repair of a boundary may remove [-]. Assumed value.
-SHOWN = 3  # Maximum number of crossings in a message
+SHOWN = 3  # Maximum number of crossings or spikes in a message
 FOLD_DEG, SPIKE_DEG = 1.0, 15.0
-"""Maximum interior angle of a fold, whose point is omitted, and of a spike, which is reported [deg]. Assumed values."""
-FOLD_M, SPIKE_M = 1.0, 10.0  # Minimum lengths of both sides of an omitted point, and of a reported point [m]
-MOST_FOLDS = 20  # Maximum number of omitted points that fold back
+"""Maximum interior angle of a fold, whose tip is omitted, and of a spike, which is reported [deg]. Assumed values."""
+FOLD_M, SPIKE_M = 1.0, 10.0  # Minimum length of the shorter side of a fold and of a spike [m]
+MOST_FOLDS = 20  # Maximum number of folds whose tips are omitted from a ring
 
 
 def boundary_polygon(points: Array) -> tuple[Polygon, list[str]]:
@@ -45,7 +45,7 @@ def boundary_polygon(points: Array) -> tuple[Polygon, list[str]]:
 
 
 def inner_polygons(points: Array, what: str) -> tuple[list[Polygon], list[str]]:
-    """Return all parts of the inner ring `points`, shape (n, 2) [m], and notes about repairs.
+    """Return all polygons of the inner ring `points`, shape (n, 2) [m], and notes about repairs.
 
     `what` is the name of the ring in notes and messages. Raise ValueError if the ring encloses no area.
     """
@@ -57,7 +57,7 @@ def inner_polygons(points: Array, what: str) -> tuple[list[Polygon], list[str]]:
 
 
 def _polygons(points: Array, what: str) -> tuple[list[Polygon], str, list[str]]:
-    """Return the polygons of a ring, a description of its self-crossings (empty for a valid ring), and the notes."""
+    """Return the polygons of a ring, a text about self-crossings (empty for a valid ring), and notes about repairs."""
     notes = list[str]()
     kept = _without_repeats(points, what, notes)
     if (far := outliers(points[kept])).size:
@@ -80,7 +80,7 @@ def _polygons(points: Array, what: str) -> tuple[list[Polygon], str, list[str]]:
 def _crossing(polygon: Polygon, numbers: Index | None, what: str) -> str:
     """Return a text with the positions at which a ring crosses or touches itself.
 
-    `numbers` are the indices of the ring points in the file, or None for a simplified ring.
+    `numbers` contains the indices of the ring points in the file, or None for a simplified ring.
     """
     corners = shapely.get_coordinates(polygon.exterior)
     sides = shapely.linestrings(np.stack([corners[:-1], corners[1:]], axis=1))
@@ -111,16 +111,16 @@ def _simplified(points: Array, what: str, notes: list[str]) -> Array:
 
 
 def _without_equal(points: Array, kept: Index) -> Index:
-    """Return those of the indices `kept` whose ring point differs from the next kept point."""
+    """Return the indices in `kept` whose ring point differs from the next kept point."""
     steps = np.diff(points[kept], axis=0, append=points[kept[:1]])
     found: Index = kept[np.hypot(*steps.T) >= CLOSEST_M]
     return found
 
 
 def _without_repeats(points: Array, what: str, notes: list[str]) -> Index:
-    """Return the indices of ring points without repeated points.
+    """Return the indices of the ring points without repeated points.
 
-    Append a note to `notes` about repeated points, except for the last point of a closed ring.
+    A note about repeated points is appended to `notes`, except for the last point of a closed ring.
     """
     closed = len(points) > 1 and np.hypot(*(points[0] - points[-1])) < CLOSEST_M
     kept = np.arange(len(points) - closed)
@@ -156,8 +156,8 @@ def _without_folds(points: Array, kept: Index, what: str, notes: list[str]) -> I
 
 
 def _corners(ring: Array) -> tuple[Array, Array]:
-    """Return the interior angle [deg] and the length of the shorter side [m] at each point of a ring, shape (n,)
-    each."""
+    """Return the interior angle [deg] and the length of the shorter adjacent side [m] at each point of a ring, shape
+    (n,) each."""
     before, after = np.roll(ring, 1, axis=0) - ring, np.roll(ring, -1, axis=0) - ring
     across = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     angles = np.degrees(np.arctan2(np.abs(across), (before * after).sum(axis=1)))
@@ -165,7 +165,7 @@ def _corners(ring: Array) -> tuple[Array, Array]:
 
 
 def polygons_of(geometry: shapely.Geometry) -> list[Polygon]:
-    """Return the polygons of a geometry collection; lines and points are omitted."""
+    """Return the polygons of a geometry collection. Lines and points are omitted."""
     parts = shapely.get_parts(geometry)
     return [
         each

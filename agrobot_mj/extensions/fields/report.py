@@ -26,7 +26,7 @@ HEAD = 2  # Number of elements that precede the coverage section of a page: titl
 
 
 def field_page(folder: Path) -> Document:
-    """Return the report page of field work: coverage, then the report of the run."""
+    """Return the report page of field work: coverage, followed by the report of the run."""
     found = json.loads((folder / "coverage.json").read_text("utf-8"))
     page = run_page(folder)
     run = page.parts[HEAD:]
@@ -102,7 +102,7 @@ def _filled(x: list[float | None], y: list[float | None], colour: str) -> dict[s
 
 
 def _outline(features: list[dict[str, Any]], origin: Origin | None) -> tuple[list[float | None], list[float | None]]:
-    """Return the x and y coordinates of all polygon rings [m], with None as separator between rings."""
+    """Return the x and y coordinates of all polygon rings in `features` [m], with None as separator between rings."""
     x: list[float | None] = []
     y: list[float | None] = []
     for ring in (ring for each in features for ring in _rings(each["geometry"])):

@@ -1,7 +1,7 @@
 """Continuation of interrupted field work from a state stored in the user's cache folder.
 
 The state is stored at an interruption and every few minutes, in a file named by the identity of the run. The folder
-contains the states of the last `KEPT` runs and must belong to the user, so that files of other users are not read.
+contains the states of the last `KEPT` runs. It must belong to the user, because loading a state can execute code.
 """
 
 import pickle
@@ -23,7 +23,7 @@ KEPT = 2  # Number of runs whose states are kept in the folder
 
 
 class Interrupted:
-    """Stored state for the continuation of an interrupted simulation."""
+    """Stored state of an interrupted simulation, for its continuation."""
 
     def __init__(self, scenario: Scenario, stopped: Callable[[], bool]) -> None:
         self.scenario, self.stopped = scenario, stopped
@@ -55,8 +55,8 @@ class Interrupted:
         rows.release()
 
     def ticks(self, sim: Simulation) -> Iterator[None]:
-        """Simulate from the loaded state, or from the start, to the end. Store the state periodically and when the run
-        is interrupted."""
+        """Simulate to the end, starting from the loaded state or from the beginning. Store the state periodically and
+        when the run is interrupted."""
         if self.state is None:
             sim.reset()
         else:

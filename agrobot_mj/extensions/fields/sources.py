@@ -1,4 +1,4 @@
-"""Sources of fields and plans: files, folders of AgOpenGPS or ISO 11783, and zip archives."""
+"""Sources of fields and plans: files, folders of AgOpenGPS or ISO 11783 task data, and zip archives."""
 
 import zipfile
 from collections.abc import Callable, Iterator
@@ -19,20 +19,20 @@ from agrobot_mj.paths.imports.xml_files import parsed_xml
 
 TASKDATA = "TASKDATA.XML"
 MOST_UNPACKED_BYTES, MOST_MEMBERS = 300_000_000, 5_000
-"""Maximum unpacked size of a zip archive [bytes], and maximum number of its files."""
+"""Maximum unpacked size [bytes] and maximum number of files of a zip archive."""
 PREFERRED = (".shp", ".geojson", ".kml", ".gml", ".gpx", ".json", ".wkt", ".csv")
 """File extensions in order of preference, for folders and archives without files of AgOpenGPS or ISO 11783."""
 BOUNDARIES, PLANS = ("Boundary.txt", "Headland.txt"), ("RecPath.txt", "TrackLines.txt")
-"""AgOpenGPS files of a field boundary, all of which are read, and files of a plan, in order of preference."""
+"""AgOpenGPS files of a field boundary, all of which are read, and AgOpenGPS files of a plan, in order of preference."""
 
 
 def field_shapes(path: Path) -> ShapeFile:
-    """Return the shapes of a field from a file, folder or archive. Raise `ScenarioError` for an unusable source."""
+    """Return the shapes of a field from a file, folder or zip archive. Raise `ScenarioError` for an unusable source."""
     return _shapes(path, _boundaries)
 
 
 def plan_shapes(path: Path) -> ShapeFile:
-    """Return the shapes of a plan from a file, folder or archive. Raise `ScenarioError` for an unusable source."""
+    """Return the shapes of a plan from a file, folder or zip archive. Raise `ScenarioError` for an unusable source."""
     return _shapes(path, _tracks)
 
 
@@ -49,7 +49,7 @@ def _shapes(path: Path, of_agopengps: Callable[[Path], ShapeFile]) -> ShapeFile:
 
 
 def _read(path: Path) -> ShapeFile:
-    """Return the shapes of a file. The file name is the default name of the shapes."""
+    """Return the shapes in a file. The file name is the default name of the field."""
     if path.name.upper() == TASKDATA:
         return _task_data(path)
     found = read_shapes(str(path.absolute()), MAX_BYTES, READERS)

@@ -9,7 +9,7 @@ from agrobot_mj.scenario.schema import Scenario
 
 
 class FieldWork(Metric):
-    """Coverage of a field and excursions beyond its boundary, for implement sections that switch without delay."""
+    """Coverage of a field and excursions beyond its boundary. The sections of the implement switch without delay."""
 
     kind: Literal["field_work"] = "field_work"
     columns: ClassVar[tuple[Column, ...]] = (

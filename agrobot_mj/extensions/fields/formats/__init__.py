@@ -1,4 +1,4 @@
-"""Additional file formats of fields and plans, beyond those of `agrobot_mj.paths.imports`."""
+"""File formats of fields and plans in addition to the formats of `agrobot_mj.paths.imports`."""
 
 from agrobot_mj.extensions.fields.formats.fields2cover import is_fields2cover, read_fields2cover
 from agrobot_mj.extensions.fields.formats.gml import read_gml
@@ -12,4 +12,4 @@ READERS: Readers = {
     "WKT": (is_wkt, read_wkt),
     "Fields2Cover": (is_fields2cover, read_fields2cover),
 }
-"""Readers of text formats by format name, each with a test of the first characters of a file."""
+"""Pairs of functions by format name: a test of the first characters of a file, and a reader of its text."""

@@ -7,11 +7,11 @@ import numpy as np
 
 from agrobot_mj.paths.imports import Polyline, ShapeFile
 
-WIDTH, TURN = 8, 2  # Number of values per row, and value of the type column that marks a turn
+WIDTH, TURN = 8, 2  # Number of values in a row, and value of the type column that marks a turn
 
 
 def _row(line: str) -> list[float]:
-    """Return the numbers in a line of text, or an empty list if the line does not have `WIDTH` finite numbers."""
+    """Return the numbers in a line of text, or an empty list unless the line has `WIDTH` finite numbers."""
     try:
         found = [float(cell) for cell in line.replace(",", " ").split()]
     except ValueError:
@@ -20,13 +20,13 @@ def _row(line: str) -> list[float]:
 
 
 def is_fields2cover(head: str) -> bool:
-    """Return whether the first row of a file is a row of a Fields2Cover path."""
+    """Return whether the first row of `head`, the start of a file, is a row of a Fields2Cover path."""
     row = _row(next((line for line in head.splitlines() if line.strip()), ""))
     return bool(row) and row[6] in (-1, 1) and row[7] in (1, 2, 3)
 
 
 def read_fields2cover(text: str) -> ShapeFile:
-    """Return the path in the text of a Fields2Cover file, with speed, direction and working state per point.
+    """Return the path in the text of a Fields2Cover file. Each point has a speed, a direction and a working state.
 
     Raise a ValueError that names the first invalid row.
     """

@@ -1,4 +1,4 @@
-"""Polygons and lines of GML 2 and 3.
+"""Reader of polygons and lines in GML 2 and GML 3.
 
 If the coordinate system has a short name (EPSG:4326), the first coordinate is east, as in the files of most programs.
 With a long name (urn:ogc:def:crs:EPSG::4326 or a web address), the coordinate system defines the order of the axes,
@@ -19,7 +19,7 @@ from agrobot_mj.paths.imports.xml_files import parsed_xml
 CODE = re.compile(r"(?:EPSG|epsg)[:/#]+(?:[\d.]+[:/])?(\d+)$|CRS84$")
 """Pattern of the EPSG code at the end of a coordinate system name."""
 OUTER, INNER = ("exterior", "outerBoundaryIs"), ("interior", "innerBoundaryIs")
-"""Tags of the outer and inner rings of a polygon, each in GML 3 and GML 2."""
+"""XML tags of the outer and inner rings of a polygon: GML 3 first, GML 2 second."""
 
 
 def read_gml(text: str) -> ShapeFile:
@@ -34,7 +34,7 @@ def read_gml(text: str) -> ShapeFile:
 
 
 def _system(root: Element) -> tuple[str, bool]:
-    """Return the coordinate system of a document, and whether the north coordinate precedes the east coordinate."""
+    """Return the coordinate system of a document, and whether its north coordinate precedes the east coordinate."""
     named = next((each.get("srsName", "") for each in root.iter() if each.get("srsName")), "")
     code = CODE.search(named)
     if not code:

@@ -1,4 +1,4 @@
-"""ISO 11783-10 task data, versions 3 and 4: partfields with boundaries, obstacles, headlands and guidance patterns.
+"""Reader of ISO 11783-10 task data, versions 3 and 4: boundaries, obstacles, headlands and guidance patterns.
 
 Polygons (PLN) consist of rings (LSG) of points (PNT) with latitude C and longitude D. An area excluded from the field
 is an interior ring of the boundary, or a polygon of the type obstacle, building or water.
@@ -22,11 +22,11 @@ EXTERIOR, INTERIOR, GUIDANCE = "1", "2", "5"
 """Type codes of line strings: exterior ring, interior ring, guidance line."""
 AB, A_PLUS, BOTH_ENDS = "1", "2", "1"
 """Type codes of guidance patterns (AB: two points, A+: point and heading), and code for extension at both ends."""
-LINE_M = 1000.0  # Length of a guidance line on each side of its point [m], for a pattern given by a point and a heading
+LINE_M = 1000.0  # Length of a guidance line on each side of its point, for a pattern given by a point and a heading [m]
 
 
 def read_task_data(text: str) -> ShapeFile:
-    """Return the shapes of all partfields. The property `field` of a shape contains the name of the partfield."""
+    """Return the shapes of all partfields. The property `field` of a shape contains the name of its partfield."""
     root = parsed_xml(text)
     shapes = tuple(shape for field in root.iter("PFD") for shape in _of_field(field))
     return ShapeFile(shapes, DEGREES, name=shapes[0].name if shapes else "")
@@ -49,8 +49,8 @@ def _of_field(field: Element) -> Iterator[Polyline]:
 
 
 def _rings(polygon: Element, role: str, name: str) -> Iterator[Polyline]:
-    """Yield the rings of a polygon, exterior ring first. A headland with an interior ring yields only the interior
-    ring."""
+    """Yield the rings of a polygon, exterior ring first. For a headland with interior rings, only the interior rings
+    are yielded."""
     lines = sorted(polygon.findall("LSG"), key=lambda line: line.get("A") == INTERIOR)
     if role == "headland":
         lines = [line for line in lines if line.get("A") == INTERIOR] or lines
@@ -60,7 +60,7 @@ def _rings(polygon: Element, role: str, name: str) -> Iterator[Polyline]:
 
 
 def _pattern(pattern: Element, name: str) -> Iterator[Polyline]:
-    """Yield the lines of a guidance pattern. AB lines are marked if they extend beyond both points."""
+    """Yield the lines of a guidance pattern. The property `extends` marks AB lines that extend beyond both points."""
     kind, designator = pattern.get("C"), pattern.get("B") or name
     for line in pattern.findall("LSG"):
         points = _points(line)
@@ -80,8 +80,8 @@ def _heading(pattern: Element) -> float:
 
 
 def _through(point: Array, heading: float) -> Array:
-    """Return a line through `point` (longitude, latitude) [deg] at a compass heading [rad], of length LINE_M on each
-    side."""
+    """Return a line through `point` (longitude, latitude) [deg] at a compass heading [rad], which extends LINE_M on
+    each side of the point."""
     origin = Origin(float(point[1]), float(point[0]))
     east, north = LINE_M * sin(heading), LINE_M * cos(heading)
     ends = [to_geodetic(origin, -east, -north), to_geodetic(origin, east, north)]

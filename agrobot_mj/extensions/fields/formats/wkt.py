@@ -1,4 +1,4 @@
-"""Polygons and lines as well-known text (WKT), with an optional coordinate system as in SRID=25832;POLYGON ..."""
+"""Reader of polygons and lines in well-known text (WKT), with an optional coordinate system: SRID=25832;POLYGON ..."""
 
 import re
 from collections.abc import Iterator
@@ -13,11 +13,11 @@ START = re.compile(
     r"\s*(SRID=\d+;)?\s*((MULTI)?(POLYGON|LINESTRING|POINT)|GEOMETRYCOLLECTION)\s*(Z|M|ZM)?\s*(\(|EMPTY)", re.I
 )
 """Pattern of the start of well-known text. The last group rejects CSV title rows that begin with the word point."""
-LARGEST_DEG = 1.0  # Extent below which coordinates without a coordinate system are treated as degrees [deg]
+LARGEST_DEG = 1.0  # Extent below which coordinates of an unknown system are treated as degrees [deg]
 
 
 def is_wkt(head: str) -> bool:
-    """Return whether the text starts with a WKT geometry."""
+    """Return whether a text starts with a WKT geometry."""
     return bool(START.match(head))
 
 
@@ -53,7 +53,7 @@ def _statements(text: str) -> Iterator[tuple[int, str]]:
 
 
 def of_shapely(geometry: shapely.Geometry) -> Iterator[Polyline]:
-    """Yield the rings, lines and points of a shapely geometry."""
+    """Yield the rings, lines and points of a shapely geometry as polylines."""
     for part in getattr(geometry, "geoms", [geometry]):
         if isinstance(part, shapely.Polygon) and not part.is_empty:
             yield Polyline(shapely.get_coordinates(part.exterior), True)

@@ -15,7 +15,7 @@ from agrobot_mj.extensions.fields.planner.rig import FieldMachine, implement_box
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.track import Piece, chain
 
-TOLERANCE_M = 0.05  # Permitted distance beyond the boundary [m], for rounded corners and coordinates
+TOLERANCE_M = 0.05  # Permitted distance of the machine beyond the boundary, for rounded corners and coordinates [m]
 SWING_M = 0.3
 """Additional permitted distance of the implement ends beyond the boundary in bends [m]. Assumed value (range 0-0.5)."""
 
@@ -24,11 +24,11 @@ SWING_M = 0.3
 class Area:
     """Drivable area, body and headland laps of a field for one machine."""
 
-    whole: BaseGeometry  # Drivable area for tractor and implement: the field without obstacles
-    body: BaseGeometry  # Body of the field: the area inside the headland laps, in which the swaths are
+    whole: BaseGeometry  # Area of the field without obstacles, in which tractor and implement may move
+    body: BaseGeometry  # Body of the field: area inside the headland laps, which the swaths cover
     laps: tuple[Ring, ...]  # Headland laps in driving order
     rig: FieldMachine
-    beyond: float = 0.0  # Distance beyond the boundary that is free of obstacles [m]
+    beyond: float = 0.0  # Permitted distance of the machine beyond the boundary [m]
 
     @cached_property
     def _allowed(self) -> BaseGeometry:
@@ -41,7 +41,7 @@ class Area:
         return offset(self.body, self.rig.width / 2)
 
     def outside(self, x: Array, y: Array, yaw: Array) -> Array:
-        """Return the distances of the tractor and implement beyond the boundary for n CG poses, shape (2, n) [m]."""
+        """Return the distances of tractor and implement beyond the boundary for n CG poses, shape (2, n) [m]."""
         behind = self.rig.behind
         bar = x - behind * np.cos(yaw), y - behind * np.sin(yaw), yaw
         boxes = np.stack([tractor_boxes(self.rig, x, y, yaw), implement_boxes(self.rig, *bar)])
@@ -52,7 +52,7 @@ class Area:
         return found
 
     def faults(self, start: Pose, pieces: tuple[Piece, ...]) -> tuple[float, float]:
-        """Return two lengths of a connection [m]: excess over the permitted distance beyond the boundary, and length
+        """Return two lengths for a connection [m]: excess over the permitted distance beyond the boundary, and length
         across the field body."""
         if not any(piece.length > 1e-9 for piece in pieces):
             return 0.0, 0.0
@@ -61,7 +61,7 @@ class Area:
         return float(self.excess(self.outside(x, y, yaw)).max()), float(across)
 
     def excess(self, outside: Array) -> Array:
-        """Return the excess of the distances `outside` over the permitted distance beyond the boundary, shape (n,) [m].
+        """Return the excess of `outside` (2, n) over the permitted distance beyond the boundary, shape (n,) [m].
 
         The permitted distance of the implement is larger by SWING_M, because its ends swing out in bends.
         """
@@ -75,17 +75,17 @@ def whole_of(field: Field) -> BaseGeometry:
 
 
 def body_of(field: Field, plan: Plan) -> BaseGeometry:
-    """Return the area inside the headland laps of a plan."""
+    """Return the body of a field, which is the area inside the headland laps of a plan."""
     return inside_laps(whole_of(field), plan)
 
 
 def inside_laps(whole: BaseGeometry, plan: Plan) -> BaseGeometry:
-    """Return the area inside the headland laps of a plan. `whole` is the field area without obstacles."""
+    """Return the area inside the headland laps of a plan. `whole` is the area of the field without obstacles."""
     return offset(whole, plan.margin + plan.overlap / 2 + plan.headlands * (plan.width - plan.overlap))
 
 
 def area_of(field: Field, headlands: int, rig: FieldMachine, beyond: float = 0.0, margin: float = 0.0) -> Area:
-    """Return the `Area` of a field, with an unworked margin along the boundary and a number of headland laps."""
+    """Return the areas and laps of a field for planning. A `margin` [m] along the boundary is not worked."""
     whole, first = whole_of(field), margin + rig.overlap / 2
     laps = tuple(smoothed(ring, rig) for ring in rings(offset(whole, first), headlands, rig.spacing))
     return Area(whole, offset(whole, first + headlands * rig.spacing), laps, rig, beyond)

@@ -10,14 +10,14 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.extensions.fields.planner.swaths import SwathFrame
 from agrobot_mj.terrain.grid import Ground, heights
 
-STATIONS = 40  # Number of evaluated points of the field in each direction
+STATIONS = 40  # Number of points in each direction of the field at which the height is evaluated
 LEVEL = 1e-3  # Mean gradient below which a field has no contour direction [-]
-STRAIGHT_RAD = 0.02  # Change of direction over a field below which its contour lines are straight [rad]
+STRAIGHT_RAD = 0.02  # Change of direction across a field below which its contour lines count as straight [rad]
 TIGHTEST_M = 20.0  # Minimum radius of swaths [m]. Assumed value: followed at working speed by all machines.
 
 
 def contour_frame(area: BaseGeometry, ground: Ground) -> SwathFrame:
-    """Return the frame of swaths along the contour lines of a field.
+    """Return the coordinate frame of swaths along the contour lines of a field.
 
     A quadratic surface is fitted to the heights. Its contour line through the centroid defines the direction and
     curvature of the swaths. Swaths are straight and perpendicular to the mean gradient if the contour lines are nearly

@@ -37,22 +37,22 @@ from agrobot_mj.paths.transition import bend
 
 Shape = Literal["omega", "bulb", "clothoid", "k"]
 Pieces = tuple[Piece, ...]
-NEAR = 6.0  # Maximum distance at which passes are joined by a turn at their ends [turn radii]. Assumed value.
+NEAR = 6.0  # Distance below which a turn joins the ends of two passes [turn radii]. Assumed value.
 OUTSIDE, ACROSS = 50.0, 5.0
 """Cost of a connection as additional path length per metre outside the field, and per metre across the field body [-].
 Assumed values."""
 CUSP_M = 5.0  # Cost of a cusp (change of driving direction) [m], as additional path length. Assumed value.
 GENTLE = (2.0, 3.0)  # Radii of gentle bends, as multiples of the turn radius [-]
-FORWARD_TRIED = 3  # Maximum number of evaluated forward connections between two swaths
+FORWARD_TRIED = 3  # Maximum number of evaluated forward connections between two passes
 STEPS, STEP = 13, 0.5  # Number of points at which a route may enter or leave a lap, and their spacing [turn radii]
 ROUTES_TRIED = 8  # Maximum number of evaluated routes along laps, shortest first
 
 
 class Join(NamedTuple):
-    """Connection between two passes, with its distance beyond the boundary and its length across the field body."""
+    """Connection between two passes, with its distance outside the field and its length across the field body."""
 
     pieces: Pieces
-    outside: float = 0.0  # Distance beyond the boundary in excess of the permitted distance [m]
+    outside: float = 0.0  # Distance beyond the boundary that exceeds the permitted distance [m]
     across: float = 0.0  # Path length across the body of the field [m]
 
     @property
@@ -62,7 +62,7 @@ class Join(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """Length of the connection plus penalties for leaving the field, for crossing its body, and for cusps [m]."""
+        """Length of the connection plus penalties for leaving the field, crossing the field body, and cusps [m]."""
         cusps = sum(a.direction != b.direction for a, b in pairwise(self.pieces))
         return length_of(self.pieces) + OUTSIDE * self.outside + ACROSS * self.across + CUSP_M * cusps
 
@@ -79,7 +79,7 @@ def join(area: Area, start: Pose, goal: Pose, shape: Shape) -> Join:
 
 
 def _tiers(area: Area, start: Pose, goal: Pose, shape: Shape) -> Iterator[Iterator[Pieces]]:
-    """Yield groups of candidate connections in order of preference."""
+    """Yield groups of candidate connections, the preferred group first."""
     near = hypot(goal.x - start.x, goal.y - start.y) < NEAR * area.rig.bends.radius
     if opposite := abs(wrap(goal.yaw - start.yaw - pi)) < 1e-6:
         yield _turns(start, goal, shape, area.rig.bends)
@@ -92,7 +92,7 @@ def _tiers(area: Area, start: Pose, goal: Pose, shape: Shape) -> Iterator[Iterat
 
 
 def _others(start: Pose, goal: Pose, bends: Bends, opposite: bool) -> Iterator[Pieces]:
-    """Yield forward connections, some with larger radii for wide implements, then connections with a reverse
+    """Yield forward connections, also with larger radii for wide implements, and then connections with a reverse
     segment."""
     yield from connections(start, goal, bends)[:FORWARD_TRIED]
     for factor in GENTLE:
@@ -103,7 +103,7 @@ def _others(start: Pose, goal: Pose, bends: Bends, opposite: bool) -> Iterator[P
 
 
 def _turns(start: Pose, goal: Pose, shape: Shape, bends: Bends) -> Iterator[Pieces]:
-    """Yield the turn to the opposite pass at `goal`. The turn starts beyond the ends of both passes."""
+    """Yield the turn to the opposite pass that starts at `goal`. The turn starts beyond the ends of both passes."""
     ahead, left = to_heading(start.yaw, goal.x - start.x, goal.y - start.y)
     if abs(left) < 1e-6:
         return
@@ -117,9 +117,9 @@ def _turns(start: Pose, goal: Pose, shape: Shape, bends: Bends) -> Iterator[Piec
 
 
 def depth_of_turn(rig: FieldMachine, shape: Shape) -> float:
-    """Return the distance by which the machine extends beyond the ends of two adjacent passes during a turn [m].
+    """Return how far the machine extends beyond the ends of two adjacent passes during a turn [m].
 
-    The ends of the passes are on a line perpendicular to the passes.
+    The ends of both passes are on a line perpendicular to the passes.
     """
     start, goal = Pose(rig.behind, 0.0, 0.0), Pose(rig.behind, rig.spacing, pi)
     turn = next(_turns(start, goal, shape, rig.bends))
@@ -135,7 +135,7 @@ def _mirrored(piece: Piece) -> Piece:
 
 @lru_cache(maxsize=256)
 def _bulb(away: float, bends: Bends) -> tuple[Pieces, float]:
-    """Return a turn to a pass `away` [m] to the left, and the distance of the turn's end ahead of its start [m].
+    """Return a turn to a pass at `away` [m] to the left, and the distance of its end ahead of its start [m].
 
     The turn is a bend to the right by an angle f, followed by a bend to the left by pi + f. With arcs, cos f = away /
     (2 radius).
@@ -150,7 +150,7 @@ def _bulb(away: float, bends: Bends) -> tuple[Pieces, float]:
 
 
 def _routes(area: Area, start: Pose, goal: Pose) -> Iterator[Pieces]:
-    """Yield connections along headland laps, in order of increasing estimated length."""
+    """Yield connections along headland laps in both directions, in order of increasing estimated length."""
     radius, ranked = area.rig.bends.reach, []
     for ring in area.laps:
         for way in (ring, ring._replace(points=ring.points[::-1])):
@@ -169,7 +169,8 @@ Place = tuple[float, Pose, float]
 
 
 def _places(ring: Ring, pose: Pose, step: float) -> list[Place]:
-    """Return points at which a route may enter or leave a ring, starting at the ring point nearest to `pose`."""
+    """Return points, `step` [m] apart along a ring, at which a route may enter or leave the ring. The first point is
+    the ring point nearest to `pose`."""
     line = ring.line
     nearest = line.project(shapely.Point(pose.x, pose.y))
     found = []
@@ -185,7 +186,7 @@ def _places(ring: Ring, pose: Pose, step: float) -> list[Place]:
 def _route(
     area: Area, start: Pose, goal: Pose, ring: Ring, first: Place, along: float, last: Place
 ) -> Iterator[Pieces]:
-    """Yield the connection along a ring from `first` to `last`, if the machine can follow it."""
+    """Yield the connection along a ring from `first` to `last`, unless the machine cannot follow this connection."""
     bends = area.rig.bends
     there, back = connections(start, first[1], bends), connections(last[1], goal, bends)
     if not there or not back or along < 0.1:

@@ -12,9 +12,9 @@ from agrobot_mj.extensions.fields.planner.rig import FieldMachine
 from agrobot_mj.paths.fillet import Rounding, rounded
 from agrobot_mj.paths.track import Course, Piece
 
-MITRE = 5.0  # Maximum length of a mitred corner divided by the offset distance [-]
+MITRE = 5.0  # Maximum length of a mitred corner divided by the offset of the boundary [-]
 SIMPLE_M = 0.05  # Tolerance of the simplification of rings [m]
-CORNER_M = 0.1  # Maximum distance of a rounded corner from the original corner for a small change of direction [m]
+CORNER_M = 0.1  # Maximum distance of a rounded corner from the original corner, for a small change of direction [m]
 SMOOTHER = (0.0, 1.0, 1.5, 2.5)
 """Smoothing radii of a ring divided by the turn radius [-], applied in order until the machine can follow the ring."""
 
@@ -23,8 +23,8 @@ class Ring(NamedTuple):
     """Headland lap as a closed polyline."""
 
     points: Array  # Corners in the order of driving [m], shape (n, 2). The first corner is not repeated.
-    number: int  # Index of the lap, counted from 0 at the boundary
-    hole: int = -1  # Index of the obstacle around which the lap leads, or -1 for a lap along the boundary
+    number: int  # Index of the lap, counted from 0 for the lap nearest to the boundary or obstacle
+    hole: int = -1  # Index of the obstacle that the lap surrounds, or -1 for a lap along the boundary
 
     @property
     def line(self) -> LinearRing:
@@ -33,12 +33,12 @@ class Ring(NamedTuple):
 
 
 def offset(area: BaseGeometry, inwards: float) -> BaseGeometry:
-    """Return the area without the strip of width `inwards` [m] along its boundary."""
+    """Return an area without the strip of width `inwards` [m] along its boundary."""
     return area.buffer(-inwards, join_style="mitre", mitre_limit=MITRE)
 
 
 def rings(area: BaseGeometry, count: int, width: float) -> list[Ring]:
-    """Return all laps: along the boundary from the outermost lap inwards, then around each obstacle outwards."""
+    """Return `count` laps: along the boundary from the outermost lap inwards, then around each obstacle outwards."""
     holes = [Polygon(hole) for part in shapely.get_parts(area) for hole in part.interiors]
     found = []
     for number in range(count):
@@ -54,7 +54,7 @@ def rings(area: BaseGeometry, count: int, width: float) -> list[Ring]:
 
 
 def _corners(ring: LinearRing, left: bool) -> Array:
-    """Return the corners of a ring, counter-clockwise if `left` and otherwise clockwise. The longest side is first."""
+    """Return the corners of a ring, counter-clockwise if `left`, otherwise clockwise. The longest side is first."""
     simple = LinearRing(ring).simplify(SIMPLE_M)
     points = np.array(simple.coords)[:-1, :2]
     if LinearRing(points).is_ccw != left:
@@ -81,13 +81,12 @@ def rounding(rig: FieldMachine) -> Rounding:
 
 
 def lap(ring: Ring, distance: float, rig: FieldMachine) -> Course | None:
-    """Return the course of a lap that starts at the arc length `distance` [m], or None if the machine cannot follow
-    it."""
+    """Return the course of a lap from the arc length `distance` [m], or None if the machine cannot follow the lap."""
     return drivable(from_point(ring, distance), True, rig)
 
 
 def drivable(points: Array, closed: bool, rig: FieldMachine) -> Course | None:
-    """Return the course along a polyline with rounded corners, or None if the machine cannot follow it.
+    """Return the course along a polyline with rounded corners, or None if the machine cannot follow the polyline.
 
     The machine cannot follow a reversal of the line or a bend below its turn radius.
     """
@@ -99,8 +98,8 @@ def drivable(points: Array, closed: bool, rig: FieldMachine) -> Course | None:
 
 
 def smoothed(ring: Ring, rig: FieldMachine) -> Ring:
-    """Return the ring with the least smoothing that the machine can follow, or the original ring if none is
-    sufficient."""
+    """Return the ring with the smallest smoothing radius of `SMOOTHER` that the machine can follow. If there is none,
+    return the original ring."""
     for factor in SMOOTHER:
         radius, found = factor * rig.path.turn_radius_m, ring
         if factor:
@@ -114,6 +113,6 @@ def smoothed(ring: Ring, rig: FieldMachine) -> Ring:
 
 
 def pieces_of(course: Course) -> tuple[Piece, ...]:
-    """Return the segments of a course."""
+    """Return the path segments of a course."""
     columns = (course.lengths, course.curvatures, course.speeds, course.sharpnesses, course.directions, course.pauses)
     return tuple(Piece(*row) for row in np.column_stack(columns).tolist())

@@ -14,9 +14,9 @@ from agrobot_mj.extensions.fields.planner.area import Area
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.track import Piece, chain
 
-WARNED_M = 0.1  # Distance beyond the boundary above which there is a warning [m]
+WARNED_M = 0.1  # Distance beyond the boundary above which a warning is given [m]
 LEAVES = "the machine leaves the field", "the ends of the implement swing beyond the boundary"
-"""First words of two warnings: machine outside the field, and implement ends beyond the boundary."""
+"""First words of two warnings: for a machine outside the field, and for implement ends beyond the boundary."""
 PLACES_TOLD = 5  # Maximum number of places listed in a warning
 
 
@@ -26,8 +26,8 @@ class Leaving:
 
     x: Array  # East coordinate of the CG [m]
     y: Array  # North coordinate of the CG [m]
-    outside: Array  # Distance of tractor and implement beyond the boundary, shape (2, n) [m]
-    excess: Array  # Distance beyond the boundary in excess of the permitted distance [m]
+    outside: Array  # Distance of the tractor (row 0) and the implement (row 1) beyond the boundary, shape (2, n) [m]
+    excess: Array  # Distance by which the permitted distance beyond the boundary is exceeded [m]
     in_lap: Array  # Whether each point is on a headland lap
 
     @property
@@ -42,8 +42,8 @@ class Leaving:
 
     @property
     def largest(self) -> str:
-        """Text with the largest excursion and its position. Headland laps count only if no other part leaves the
-        field."""
+        """Text with the maximum distance beyond the boundary and its position. Headland laps count only if no other
+        part of the course leaves the field."""
         values = np.where(self.in_lap, 0.0, self.excess) if self.turns else self.excess
         k = int(np.argmax(values))
         return f"{self.outside[:, k].max():.2f} m near ({self.x[k]:.0f}, {self.y[k]:.0f}) m"
@@ -67,7 +67,7 @@ class Leaving:
 def leaving(area: Area, start: Pose, pieces: Sequence[Piece], passes: Sequence[PlannedPass] = ()) -> Leaving:
     """Return the distances of the tractor and implement beyond the boundary along a course.
 
-    `passes` determines the points on headland laps.
+    The distances travelled in `passes` identify the points on headland laps.
     """
     course = chain(start, pieces).divided()
     x, y, yaw = course.joints()

@@ -26,21 +26,21 @@ from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.headland import half_turn_width
 from agrobot_mj.paths.track import Piece
 
-LAP_STARTS = 24  # Number of points of a ring at which its lap may start
+LAP_STARTS = 24  # Number of evaluated points of a ring at which a lap may start
 DEFAULT_HEADLANDS = 2  # Default number of headland laps, which is increased if the turns need more space
 TRIES = 6  # Maximum number of attempts with additional laps or a wider margin
-MARGIN_STEP_M = 0.02  # Increase of the margin in addition to the excess distance that it must prevent [m]
-CLOSE_M = 1e-3  # Distance below which two poses are treated as the same [m]
-GOALS_TRIED = 6  # Number of possible starts of the next pass, nearest first, to which connections are evaluated
-LEAST_AREA = 0.1  # Minimum area of a field body with swaths, divided by the square of the working width [-]
+MARGIN_STEP_M = 0.02  # Amount added to an excess distance beyond the boundary to obtain the increase of the margin [m]
+CLOSE_M = 1e-3  # Distance below which two poses count as equal [m]
+GOALS_TRIED = 6  # Number of possible starts of the next pass, nearest first, to which connections are computed
+LEAST_AREA = 0.1  # Minimum area of a field body that gets swaths, divided by the square of the working width [-]
 
 
 class Options(NamedTuple):
-    """Planner options: headland laps, turn shape, swaths and sections."""
+    """Options of the planner: headland laps, turns, swaths and sections."""
 
-    headlands: int | None = None  # Number of headland laps. None: two, or more if the turns need more space.
+    headlands: int | None = None  # Number of headland laps. None means two laps, or more if the turns need more space.
     turn: Shape = "clothoid"  # Preferred turn shape between neighbouring swaths
-    order: str = "boustrophedon"  # Order of the swaths of a cell
+    order: str = "boustrophedon"  # Order of the swaths of a cell: `boustrophedon` or `skip`
     frame: SwathFrame | None = None
     """Direction and curvature of the swaths, or None for straight swaths in the direction with the fewest swaths."""
     sections: int = 1  # Number of sections of the implement
@@ -48,7 +48,7 @@ class Options(NamedTuple):
 
 
 class _Work:
-    """Builder of a plan, which appends laps, swaths and connections."""
+    """Builder of a plan, to which laps, swaths and connections are appended."""
 
     def __init__(self, area: Area, options: Options) -> None:
         self.area, self.rig, self.options = area, area.rig, options
@@ -99,7 +99,7 @@ class _Work:
         self.passes.append(PlannedPass("headland", *span, (span,) * self.options.sections))
 
     def _starts(self, ring: Ring) -> list[float]:
-        """Return the arc lengths of a ring at which the lap may start [m]."""
+        """Return the arc lengths of a ring at which a lap may start [m]."""
         length, reach = ring.line.length, self.rig.bends.reach
         if self.start is None:
             return [k * length / LAP_STARTS for k in range(1, LAP_STARTS)]
@@ -108,7 +108,7 @@ class _Work:
         return [*near, *(k * length / LAP_STARTS for k in range(LAP_STARTS))]
 
     def swath(self, swath: Swath, layout: Pattern, forth: bool) -> None:
-        """Append a swath, travelled in the swath direction (`forth`) or in the opposite direction."""
+        """Append a swath, driven in the swath direction if `forth`, otherwise in the opposite direction."""
         start = _pose(layout, swath, forth)
         if self.start is None or hypot(start.x - self.pose.x, start.y - self.pose.y) > CLOSE_M:
             self.to([start])
@@ -142,7 +142,7 @@ class _Work:
         return leaving(self.area, self.start or self.pose, self.pieces, self.passes)
 
     def plan(self, name: str, headlands: int, margin: float, notes: Sequence[str]) -> Plan:
-        """Return the finished plan. Its warnings start with `notes`."""
+        """Return the finished plan. The warnings of the plan start with `notes`."""
         crossing = [
             f"a connection from ({pose.x:.0f}, {pose.y:.0f}) m crosses the area of the swaths over {length:.0f} m"
             for pose, length in self.crossings
@@ -158,8 +158,8 @@ class _Work:
 
 
 def _pose(layout: Pattern, swath: Swath, forth: bool) -> Pose:
-    """Return the CG pose at the start of a swath, travelled in the swath direction (`forth`) or in the opposite
-    direction."""
+    """Return the CG pose at the start of a swath, which is driven in the swath direction if `forth`, otherwise in the
+    opposite direction."""
     pose = layout.frame.pose(swath.start if forth else swath.end, swath.across)
     return pose if forth else pose._replace(yaw=pose.yaw + pi)
 

@@ -1,4 +1,4 @@
-"""Machine data for the planner: outlines of the tractor and implement, and limits of bends."""
+"""Machine data for the planner: outlines of the tractor and the implement, and limits of bends."""
 
 from dataclasses import dataclass
 from typing import cast
@@ -14,7 +14,7 @@ from agrobot_mj.scenario.schema import Scenario
 
 MAX_CURVATURE_FRACTION = 0.95
 """Fraction of the machine's curvature limit that plans may use [-]. Assumed value: 5 % remain for feedback control."""
-BAR_M = 0.1  # Half of the length of the outline of the implement [m]
+BAR_M = 0.1  # Half of the length of the implement outline in the direction of travel [m]
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class FieldMachine:
 
     @property
     def bends(self) -> Bends:
-        """Radius, sharpness and speed of the bends in turns."""
+        """Radius, sharpness and speed of the bends in turns and connections."""
         speed = self.path.turn_speed_m_s
         return Bends(self.path.turn_radius_m, self.path.sharpness(speed), speed)
 
@@ -48,17 +48,17 @@ class FieldMachine:
 
 
 def tractor_boxes(rig: FieldMachine, x: Array, y: Array, yaw: Array) -> Array:
-    """Return the outlines of the tractor at CG poses (n,), as polygons (n,)."""
+    """Return the outlines of the tractor at n CG poses, as polygons (n,)."""
     return _boxes(x, y, yaw, rig.front, -rig.rear, rig.half_width)
 
 
 def implement_boxes(rig: FieldMachine, x: Array, y: Array, yaw: Array) -> Array:
-    """Return the outlines of the implement at poses of its working point (n,), as polygons (n,)."""
+    """Return the outlines of the implement at n poses of its working point, as polygons (n,)."""
     return _boxes(x, y, yaw, BAR_M, -BAR_M, rig.width / 2)
 
 
 def _boxes(x: Array, y: Array, yaw: Array, front: float, rear: float, side: float) -> Array:
-    """Return a rectangle at each pose, as polygons (n,).
+    """Return a rectangle at each of n poses, as polygons (n,).
 
     `front`, `rear` and `side` are coordinates of the edges relative to the pose [m], positive ahead and to the left.
     """
@@ -70,9 +70,9 @@ def _boxes(x: Array, y: Array, yaw: Array, front: float, rear: float, side: floa
 
 
 def rig_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachine:
-    """Return the machine data of a scenario with a `swaths` path.
+    """Return the machine data of a scenario whose path has the kind `swaths`.
 
-    Raise `ScenarioError` for another path type or if the turn radius is too small for the machine.
+    Raise `ScenarioError` for another kind of path, or if the turn radius is too small for the machine.
     """
     tractor, path = scenario.tractor, scenario.path
     if not isinstance(path, Swaths):
@@ -88,7 +88,7 @@ def rig_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachi
 
 
 def outline_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachine:
-    """Return the machine data of a scenario with any type of path."""
+    """Return the machine data of a scenario with any kind of path."""
     tractor = scenario.tractor
     hitched = scenario.implement.hitched(tractor)
     hitch = tractor.cg_to_rear_axle + tractor.hitch_behind_m

@@ -20,19 +20,19 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.parallel import skipping
 
-THINNEST = 0.02  # Minimum width of a part of a strip that gets a swath, divided by the width of the strip [-]
+THINNEST = 0.02  # Minimum width of an area in a strip that gets a swath, divided by the width of the strip [-]
 ANGLE_STEP = pi / 18  # Step between evaluated swath directions [rad]. The directions of edges are also evaluated.
-ROUNDING = 1e-6  # Rounding error that is ignored in the number of swaths across an area [-]
+ROUNDING = 1e-6  # Rounding error that is ignored in the number of swaths that fit across an area [-]
 EDGE_M = 1.0  # Maximum distance between the points of an edge that is converted to a curved frame [m]
 Span = tuple[float, float]
 
 
 class Swath(NamedTuple):
-    """Strip worked in one pass, in station and offset coordinates."""
+    """Strip worked in one pass, in the station and offset coordinates of a `SwathFrame`."""
 
     start: float  # Station at the first end [m]
     end: float  # Station at the second end [m]
-    across: float  # Offset of the centre line [m], to the left of the swath direction
+    across: float  # Offset of the centre line to the left of the frame origin [m]
     sections: tuple[Span, ...]  # Stations between which each section works [m], for sections from right to left
 
     @property
@@ -42,20 +42,20 @@ class Swath(NamedTuple):
 
 
 class SwathFrame(NamedTuple):
-    """Coordinate frame of parallel straight swaths or concentric arcs: station along the swaths, offset to the left."""
+    """Coordinate frame of straight swaths or concentric arcs: station along the swaths, offset to the left."""
 
     angle: float  # Direction of the swaths at the origin of the frame [rad], counter-clockwise from east
-    curvature: float = 0.0  # Curvature of the swath with the offset 0 [1/m], left positive, or 0 for straight swaths
+    curvature: float = 0.0  # Curvature of the swath at offset 0, left positive, or 0 for straight swaths [1/m]
     x: float = 0.0  # East coordinate of the origin [m]
     y: float = 0.0  # North coordinate of the origin [m]
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Common centre of concentric swaths: east and north coordinates [m]."""
+        """East and north coordinates of the common centre of concentric swaths [m]."""
         return self.x - sin(self.angle) / self.curvature, self.y + cos(self.angle) / self.curvature
 
     def of(self, points: Array) -> Array:
-        """Convert points, shape (n, 2) [m], from east and north to station and offset [m]."""
+        """Convert east and north coordinates to station and offset, shape (n, 2) each [m]."""
         c, s = cos(self.angle), sin(self.angle)
         if not self.curvature:
             found: Array = (points - (self.x, self.y)) @ [[c, -s], [s, c]]
@@ -66,11 +66,11 @@ class SwathFrame(NamedTuple):
         return np.column_stack([turned / self.curvature, 1 / self.curvature - side * np.hypot(east, north)])
 
     def stretch(self, across: float) -> float:
-        """Return the length of a swath at the offset `across` [m] divided by the difference of its end stations [-]."""
+        """Return the length of a swath at the offset `across` [m], divided by the difference of its end stations."""
         return 1.0 - self.curvature * across
 
     def pose(self, station: float, across: float) -> Pose:
-        """Return the pose at a station and an offset [m], heading in the swath direction."""
+        """Return the east-north pose at a station and an offset [m], heading in the swath direction."""
         c, s = cos(self.angle), sin(self.angle)
         if not self.curvature:
             return Pose(self.x + c * station - s * across, self.y + s * station + c * across, self.angle)
@@ -82,7 +82,7 @@ class Pattern(NamedTuple):
     """Parallel swaths that cover an area, grouped in cells."""
 
     frame: SwathFrame  # Frame of the stations and offsets of the swaths
-    cells: tuple[tuple[Swath, ...], ...]  # Cells; a cell is a tuple of adjacent swaths from right to left
+    cells: tuple[tuple[Swath, ...], ...]  # Cells, each with adjacent swaths from right to left
 
     @property
     def number(self) -> int:
@@ -96,16 +96,16 @@ class Pattern(NamedTuple):
 
 
 def best_pattern(area: BaseGeometry, width: float, sections: int) -> Pattern:
-    """Return the pattern with the fewest swaths of all evaluated directions. Ties are resolved by the minimum total
-    length."""
+    """Return the pattern with the fewest swaths among the evaluated directions. If several patterns have the fewest
+    swaths, the total length is minimal."""
     found = (pattern(area, SwathFrame(angle), width, 1) for angle in _angles(area, width))
     best = min(found, key=lambda each: (each.number, round(each.length, 3)))
     return pattern(area, best.frame, width, sections)
 
 
 def _angles(area: BaseGeometry, width: float) -> list[float]:
-    """Return the swath directions to evaluate, from 0 to pi [rad]: long edges of the area, and steps of
-    `ANGLE_STEP`."""
+    """Return the swath directions to evaluate, from 0 to pi [rad]: directions of long edges of the area, and multiples
+    of `ANGLE_STEP`."""
     angles = {round(k * ANGLE_STEP, 6) for k in range(round(pi / ANGLE_STEP))}
     for part in shapely.get_parts(area):
         corners = np.array(part.simplify(0.1 * width).exterior.coords)
@@ -116,7 +116,7 @@ def _angles(area: BaseGeometry, width: float) -> list[float]:
 
 
 def pattern(area: BaseGeometry, frame: SwathFrame, width: float, sections: int) -> Pattern:
-    """Return the swaths that cover an area, for a working width [m] and a number of sections."""
+    """Return the swaths that cover an area, for a working `width` [m] and a number of `sections`."""
     turned = shapely.transform(area.segmentize(EDGE_M) if frame.curvature else area, frame.of)
     west, south, east, north = turned.bounds
     count = max(1, ceil((north - south) / width - ROUNDING))
@@ -125,7 +125,7 @@ def pattern(area: BaseGeometry, frame: SwathFrame, width: float, sections: int) 
 
 
 def _row(area: BaseGeometry, ends: Span, low: float, width: float, sections: int) -> list[Swath]:
-    """Return the swaths of the strip that starts at the offset `low` [m]."""
+    """Return the swaths in the strip of width `width` that starts at the offset `low` [m]."""
     strip = shapely.box(ends[0], low, ends[1], low + width).intersection(area)
     found = []
     for part in shapely.get_parts(strip):
@@ -137,8 +137,8 @@ def _row(area: BaseGeometry, ends: Span, low: float, width: float, sections: int
 
 
 def _spans(part: BaseGeometry, low: float, width: float, count: int, whole: Span) -> Iterator[Span]:
-    """Yield the start and end stations of the work of each section in a swath; they are equal for a section without
-    work."""
+    """Yield the stations at which each section starts and stops working in a swath [m]. Both stations are equal for a
+    section without work."""
     if count == 1:
         yield whole
         return
@@ -148,7 +148,7 @@ def _spans(part: BaseGeometry, low: float, width: float, count: int, whole: Span
 
 
 def _cells(rows: list[list[Swath]]) -> list[list[Swath]]:
-    """Return the swaths of all strips, grouped by cell."""
+    """Return the swaths of all strips, grouped in cells of adjacent swaths."""
     cells: list[list[Swath]] = []
     before: list[tuple[Swath, list[Swath]]] = []
     for row in rows:
@@ -166,8 +166,8 @@ def _cells(rows: list[list[Swath]]) -> list[list[Swath]]:
 
 
 def ordered(count: int, order: str, across: int) -> list[int]:
-    """Return the swath indices of a cell in the order of travel: ascending, or in steps of at least `across` swaths if
-    `order` is "skip"."""
+    """Return the swath indices of a cell in the order of travel. The order is ascending or, if `order` is "skip", in
+    steps of at least `across` swaths."""
     if order == "skip" and across > 1 and count >= 2 * across + 1:
         return list(skipping(count, across))
     return list(range(count))

@@ -1,4 +1,4 @@
-"""Connections between two poses: three segments of limited curvature, with arcs or clothoids.
+"""Connections between two poses: three segments with limited curvature, built from arcs or clothoids.
 
 The types of connections (words) are bend-straight-bend and three bends of [Dubins1957], and three bends with a reverse
 middle bend of [ReedsShepp1990]. With arcs, the three parameters have a closed form. With clothoids, the parameters are
@@ -19,7 +19,7 @@ from agrobot_mj.paths.transition import bend
 TURN = 2 * pi
 LEAST_ANGLE = 1e-7  # Angle below which a bend is omitted [rad]
 CLOSE = 1e-6  # Maximum error at the end of a connection [m, rad]
-GRID = 1e-6  # Resolution to which relative poses are rounded, so that connections can be cached [m, rad]
+GRID = 1e-6  # Resolution to which relative poses are rounded, so that equal connections are computed once [m, rad]
 
 
 class Bends(NamedTuple):
@@ -27,17 +27,17 @@ class Bends(NamedTuple):
 
     radius: float  # Radius of arcs [m]
     sharpness: float = inf
-    """Maximum change of curvature per metre [1/m2], or infinity for arcs without clothoids."""
+    """Maximum change of curvature per metre [1/m2], or infinity for circular arcs without clothoids."""
     speed: float = inf  # Maximum speed [m/s]
 
     @property
     def reach(self) -> float:
-        """Lateral distance of the centre of a bend from its start [m]. Without clothoids, this is the radius."""
+        """Lateral distance from the start of a bend to its centre [m], which is the radius without clothoids."""
         return bend(pi, self.radius, self.sharpness).centre[1]
 
 
 class Word(NamedTuple):
-    """Type of a connection: two outer bends and the segment between them."""
+    """Type of a connection between two poses: two outer bends and the segment between them."""
 
     first: int  # Side of the first bend: 1 left, -1 right
     middle: int  # Side of the middle bend, or 0 for a straight segment
@@ -52,7 +52,7 @@ class Word(NamedTuple):
 
 FORWARD = (*(Word(a, 0, b) for a in (1, -1) for b in (1, -1)), Word(1, -1, 1), Word(-1, 1, -1))
 """Connection types without reverse segments."""
-REVERSING = (Word(1, -1, 1, True), Word(-1, 1, -1, True))  # Words whose middle bend is driven in reverse
+REVERSING = (Word(1, -1, 1, True), Word(-1, 1, -1, True))  # Connection types whose middle bend is driven in reverse
 
 
 def length_of(pieces: tuple[Piece, ...]) -> float:
@@ -101,7 +101,7 @@ def shortest_arcs(start: Pose, goal: Pose, radius: float) -> float:
 
 
 def _solutions(word: Word, goal: Pose, bends: Bends) -> Iterator[tuple[Piece, ...]]:
-    """Yield the connections of one type from the origin to `goal`, as tuples of path segments."""
+    """Yield the connections of type `word` from the origin to `goal`, as tuples of path segments."""
     for guess in _arcs(word, goal, bends.reach):
         found = guess if isinf(bends.sharpness) else _refined(word, guess, goal, bends)
         if found is None or (word.middle == 0 and found[1] < 0):
@@ -113,7 +113,7 @@ def _solutions(word: Word, goal: Pose, bends: Bends) -> Iterator[tuple[Piece, ..
 
 
 def _pieces(word: Word, values: tuple[float, float, float], bends: Bends) -> Iterator[Piece]:
-    """Yield the segments of a connection. `values` are bend angles [rad] and the length of a straight segment [m].
+    """Yield the path segments of a connection. `values` are bend angles [rad] and the length of a straight segment [m].
 
     A negative angle exchanges left and right of the bend.
     """
@@ -130,7 +130,7 @@ def _pieces(word: Word, values: tuple[float, float, float], bends: Bends) -> Ite
 def _refined(
     word: Word, guess: tuple[float, float, float], goal: Pose, bends: Bends
 ) -> tuple[float, float, float] | None:
-    """Return the three parameters of a connection with clothoids, computed from `guess`, or None without a solution."""
+    """Return the parameters of a connection with clothoids, computed from `guess`, or None without a solution."""
     from scipy.optimize import fsolve  # slow import, needed only with clothoids
 
     def error(values: Array) -> tuple[float, float, float]:
@@ -151,7 +151,7 @@ def _refined(
 def _displacement(side: int, angle: float, backwards: bool, bends: Bends) -> tuple[float, float, float]:
     """Return the end of a bend relative to its start pose: ahead [m], left [m] and heading change [rad].
 
-    The start and end are symmetric about a line through the centre of the bend.
+    The bend is symmetric about a line through its centre.
     """
     turned = abs(angle)
     if turned < LEAST_ANGLE:
@@ -165,8 +165,8 @@ def _displacement(side: int, angle: float, backwards: bool, bends: Bends) -> tup
 
 @lru_cache(maxsize=64)
 def _centre(bends: Bends) -> tuple[float, float]:
-    """Return the centre of a bend that reaches its minimum radius, relative to its start pose: ahead [m], to the side
-    [m]."""
+    """Return the centre of a bend that reaches its minimum radius, relative to the start pose of the bend: ahead [m]
+    and to the side [m]."""
     return bend(TURN, *bends[:2]).centre
 
 
@@ -194,6 +194,6 @@ def _arcs(word: Word, goal: Pose, radius: float) -> Iterator[tuple[float, float,
 
 
 def _turn(angle: float) -> float:
-    """Return an angle in [0, 2 pi) [rad]. Angles that are 2 pi within rounding errors become 0."""
+    """Return an angle in the range [0, 2 pi) [rad]. Angles that differ from 2 pi only by rounding errors become 0."""
     turned = angle % TURN
     return 0.0 if TURN - turned < LEAST_ANGLE else turned
