@@ -1,1 +1,1 @@
-"""Interactive driving in a browser, by keyboard or by a guidance law."""
+"""Interactive drives in a browser, controlled by the driver or by a guidance law."""

@@ -1,4 +1,4 @@
-"""Quantities that the driver can adjust: some are applied as faults at once, others at the next start of the drive."""
+"""Quantities that the driver can adjust: some apply as faults at once, others at the next start of the drive."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -10,17 +10,17 @@ from agrobot_mj.scenario.schema import Scenario
 
 
 class Adjustment(NamedTuple):
-    """Quantity that the driver can adjust during a drive. A new value is applied as a fault from the next tick."""
+    """Quantity that the driver can adjust during a drive. The adjusted value applies as a fault from the next tick."""
 
-    label: str  # Text of the slider, with the unit
+    label: str  # Label of the slider, with the unit
     low: float
     high: float
-    neutral: float  # Value at which there is no fault
-    kind: str  # Kind of the faults that apply the adjustment
-    key: str  # Key of the adjusted value in the table of the fault
+    neutral: float  # Slider value that causes no fault
+    kind: str  # Kind of the faults that apply the adjusted value
+    key: str  # Key of the adjusted value in the fault tables
     others: tuple[Mapping[str, Any], ...] = ({},)
     """Constant keys of the faults that apply the adjusted value, with one table per fault."""
-    step: float = 0.001  # Resolution of the slider
+    step: float = 0.001  # Resolution of the slider, in the unit of the label
 
     def faults(self, value: float) -> list[dict[str, Any]]:
         """Return the faults that apply `value`, limited to the slider range, as tables without start and end times.
@@ -42,38 +42,38 @@ ADJUSTMENTS = {
     "dead_band": Adjustment("valve dead band [+V]", 0.0, 2.0, 0.0, "valve_wear", "dead_band_v", ({"gain_share": 1.0},)),
     "latency": Adjustment("receiver latency [+s]", 0.0, 1.0, 0.0, "gnss_latency", "latency_s", step=TICK_S),
 }
-"""Quantities that the driver can adjust, by name, in the order of the panel."""
-FAULT_S = 5.0  # Default duration of an injected fault [s]
-STEEPEST_DEG = 40.0  # Maximum slope grade that the panel can set [deg]
+"""Quantities that the driver can adjust at once, by name, in the order of the panel."""
+FAULT_S = 5.0  # Duration of a fault that the driver injects [s]
+STEEPEST_DEG = 40.0  # Maximum grade of a slope that the panel can set [deg]
 
 
 class NextStart(NamedTuple):
     """Settings that take effect at the next start of the drive."""
 
-    grade_deg: float  # Grade of the slope [deg]; level ground becomes a slope
-    tyre: str = ""  # Kind of the tyre law, or an empty string to keep the law
-    pressure_bar: float | None = None  # Pressure of all tyres [bar], or None to keep the pressures
+    grade_deg: float  # Grade of the slope [deg]. If nonzero, terrain without a grade becomes a slope.
+    tyre: str = ""  # Kind of the tyre model, or an empty string for the present model
+    pressure_bar: float | None = None  # Pressure of all tyres [bar], or None for the present pressures
 
 
 def fault_kinds() -> list[str]:
-    """Return the types of faults that a driver can inject, without the types used by `ADJUSTMENTS`."""
+    """Return the kinds of faults that a driver can inject, without the kinds used by `ADJUSTMENTS`."""
     used = {each.kind for each in ADJUSTMENTS.values()}
     return [kind for kind in families()["fault"] if kind not in used]
 
 
 def tyre_kinds() -> list[str]:
-    """Return the names of all tyre models, for firm ground and for soil."""
+    """Return the kinds of all tyre models, for firm ground and for soil."""
     return list(families()["plant.tyre"])
 
 
 def tyre_kind(scenario: Scenario) -> str:
-    """Return the name of the tyre model of a scenario."""
+    """Return the kind of the tyre model in a scenario."""
     assert isinstance(scenario.plant, Mujoco)
     return scenario.plant.tyre.kind
 
 
 def restarted(scenario: Scenario, settings: NextStart) -> Scenario:
-    """Return the scenario with the settings for the next start. Raise `ScenarioError` if a setting is invalid."""
+    """Return the scenario with the settings of the next start. Raise `ScenarioError` if a setting is invalid."""
     keys: dict[str, Any] = {}
     if hasattr(scenario.terrain, "grade_deg"):
         keys["terrain.grade_deg"] = settings.grade_deg

@@ -83,4 +83,4 @@ COMMANDS = {
         advanced=True,
     ),
 }
-"""Commands of this extension with their help texts."""
+"""Command `play` with its help entry."""

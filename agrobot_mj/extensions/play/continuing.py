@@ -10,7 +10,7 @@ from agrobot_mj.simulation.snapshot import Snapshot
 from agrobot_mj.simulation.stepping import Simulation, resumed
 
 FREE = {"name", "title", "duration_s", "expected_outcome", "expected_reason", "fault", "guidance"}
-"""Scenario keys that may differ between the saved run and its continuation."""
+"""Scenario keys that may differ between a saved run and its continuation."""
 
 
 def continued(state: Snapshot, scenario: Scenario) -> Simulation:

@@ -1,4 +1,4 @@
-"""Conversion of the driver's keys, sliders and buttons to steering angle, speed and guidance law."""
+"""Conversion of the driver's keys, sliders and buttons to steering angle, speed setpoint and guidance law."""
 
 from math import isnan, nan, radians
 from typing import NamedTuple
@@ -16,15 +16,15 @@ STALE_S = 0.4
 
 
 class Keys(NamedTuple):
-    """Pressed driving keys, state of a gamepad, and time `seen` at which their message was received [s]."""
+    """Pressed driving keys and deflections of a gamepad, with the time `seen` at which they were received [s]."""
 
     left: bool = False
     right: bool = False
     faster: bool = False
     slower: bool = False
     seen: float = -1e9
-    stick: float = 0.0  # Deflection of the steering stick from -1 (right) to 1 (left), or 0 if released [-]
-    pedal: float = 0.0  # Accelerating minus decelerating trigger, from -1 to 1 [-]
+    stick: float = 0.0  # Deflection of the steering stick from -1 (right) to 1 (left), or 0 for a released stick [-]
+    pedal: float = 0.0  # Deflection of the accelerating minus the decelerating trigger, from -1 to 1 [-]
 
     def at(self, now: float) -> "Keys":
         """Return the pressed keys at time `now` [s]. No key is pressed if the last message is older than `STALE_S`."""
@@ -37,12 +37,12 @@ class Keys(NamedTuple):
 
     @property
     def driving(self) -> float:
-        """Speed change due to keys and triggers, from -1 (slower) to 1 (faster)."""
+        """Speed change commanded by keys and triggers, from -1 (slower) to 1 (faster) [-]."""
         return min(max(int(self.faster) - int(self.slower) + self.pedal, -1.0), 1.0)
 
 
 class PlayDriver:
-    """Control of steering angle and speed by the driver, with handover to guidance laws."""
+    """Control of steering angle and speed by the driver, who can hand over to guidance laws."""
 
     def __init__(self, session: PlaySession) -> None:
         self.session = session
@@ -61,21 +61,21 @@ class PlayDriver:
             self.law, self.angle, self.speed = 0, truth.steer, _within(truth.speed)
 
     def hand_over(self, law: int) -> None:
-        """Hand control over to guidance law number `law` (numbered from 1)."""
+        """Hand control over to the guidance law with the number `law`, counted from 1."""
         self.law = self.chosen = law
 
     def stop(self) -> None:
-        """Return control to the driver, and brake to standstill."""
+        """Return control to the driver, with a speed setpoint of zero."""
         self.take_over()
         self.speed = 0.0
 
     def set_angle(self, angle: float) -> None:
-        """Switch from the guidance law to the driver, and hold a constant steering angle [rad]."""
+        """Return control from a guidance law to the driver, and hold the steering angle `angle` [rad]."""
         self.take_over()
         self.angle, self.centring = angle, False
 
     def set_speed(self, speed: float) -> None:
-        """Set the speed setpoint of the driver or of the active guidance law [m/s]."""
+        """Set the speed setpoint of the driver or of the active guidance law [m/s]. Laws ignore the sign."""
         if self.law:
             self.law_speed = abs(_within(speed))
         else:
@@ -83,13 +83,13 @@ class PlayDriver:
 
     @property
     def wanted_speed(self) -> float:
-        """Speed setpoint of the driver or of the active guidance law [m/s]."""
+        """Speed setpoint of the driver or, if active, of the guidance law [m/s]."""
         if not self.law:
             return self.speed
         return self.session.base.path.speed_m_s if isnan(self.law_speed) else self.law_speed
 
     def tick(self, keys: Keys) -> None:
-        """Apply the pressed keys and advance the session by one tick."""
+        """Apply the pressed keys, which return control to the driver, and advance the drive by one tick."""
         limit = self.session.base.tractor.steer_limit
         if keys.steering or keys.driving or keys.stick:
             self.take_over()
@@ -113,7 +113,7 @@ class PlayDriver:
             self.law, self.angle, self.speed = 0, 0.0, 0.0
 
     def recalled(self) -> None:
-        """Set the steering angle, speed and guidance law to the inputs of the restored state."""
+        """Set steering angle, speed and guidance law to the inputs of a restored state of the drive."""
         given = self.session.given
         self.law, self.law_speed = given.law, given.speed if given.law else self.law_speed
         if not given.law:

@@ -1,4 +1,4 @@
-"""Gamepad of the driver, read by the page with the Gamepad API and sent to the server over a WebSocket."""
+"""Gamepad of the driver. The page reads the gamepad and sends its state to the server over a WebSocket."""
 
 import json
 import time
@@ -9,7 +9,7 @@ from typing import Any
 from agrobot_mj.extensions.play.driver import STALE_S, Keys
 
 SOCKET = "/gamepad"  # URL path of the WebSocket
-DEAD_ZONE = 0.08  # Deflection of a stick or trigger below which it counts as released [-]
+DEAD_ZONE = 0.08  # Deflection below which a stick or trigger counts as released [-]
 MOST_CHARACTERS = 1000  # Maximum length of a message [characters]
 BUTTONS = {0: "law", 1: "driver", 2: "stop", 3: "inject", 4: "mark", 5: "recall", 8: "restart", 9: "pause"}
 """Action of each button, by its number in the standard mapping of the Gamepad API: A, B, X, Y, both shoulder buttons,
@@ -41,14 +41,14 @@ which therefore has no action."""
 
 
 class Gamepad:
-    """Latest state of the driver's gamepad."""
+    """Latest state of the driver's gamepad, as received from the web page."""
 
     def __init__(self) -> None:
         self.steer, self.drive, self.seen = 0.0, 0.0, -1e9
         self._pressed = deque[str](maxlen=len(BUTTONS))
 
     def receive(self, text: str | bytes) -> None:
-        """Store the state in a message of the page. Invalid messages are ignored."""
+        """Store the gamepad state in a message from the web page. Invalid messages are ignored."""
         try:
             given = json.loads(text[:MOST_CHARACTERS])
             steer, drive = _deflection(given["steer"]), _deflection(given["drive"])
@@ -63,12 +63,13 @@ class Gamepad:
         return [self._pressed.popleft() for _ in range(len(self._pressed))]
 
     def added_to(self, keys: Keys) -> Keys:
-        """Return the pressed keys with the stick and the triggers of the gamepad, unless its last message is old."""
+        """Return the pressed keys with the stick and triggers of the gamepad, unless its last message is old."""
         return keys._replace(stick=self.steer, pedal=self.drive) if self.seen > keys.seen - STALE_S else keys
 
 
 def _deflection(value: Any) -> float:
-    """Return a deflection from -1 to 1, and 0 in the dead zone. Raises ValueError or TypeError for other values."""
+    """Return the deflection of a stick or trigger from -1 to 1, or 0 in the dead zone. Raises ValueError or TypeError
+    for invalid values."""
     number = float(value)
     if not isfinite(number):
         raise ValueError(number)

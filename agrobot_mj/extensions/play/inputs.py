@@ -1,4 +1,4 @@
-"""Driver inputs of an interactive drive, stored in a CSV file with one row for each change.
+"""Driver inputs of an interactive drive, stored in a CSV file with one row for each change of the input.
 
 Columns: first tick of the input, number of the active guidance law (0 for the driver), steering angle [rad], and speed
 [m/s]. An empty speed means the speed of the path. Numbers are stored with all digits, so that the drive can be repeated
@@ -17,19 +17,20 @@ from agrobot_mj.core.resources import checked, refuse, stamp
 
 INPUTS = "inputs.csv"  # Name of the CSV file in the results folder of a drive
 HEADER = ("tick", "law", "steer_rad", "speed_m_s")
-MOST_BYTES = 20_000_000  # Maximum size of a CSV file [bytes], sufficient for several hours with a change in each tick
+MOST_BYTES = 20_000_000
+"""Maximum size of an input file [bytes], sufficient for several hours with a change in each tick."""
 
 
 class PlayInput(NamedTuple):
-    """Driver input in one tick. The default is control by the driver at zero speed."""
+    """Driver input in one tick. By default, the driver controls the tractor with zero speed."""
 
-    law: int = 0  # Index of the law that steers, from 1, or 0 for the driver
+    law: int = 0  # Number of the active guidance law, counted from 1, or 0 for the driver
     steer: float = 0.0  # Steering angle of the driver [rad], left positive
-    speed: float = 0.0  # Speed, negative in reverse [m/s], or NaN for a law that uses the speed of the path
+    speed: float = 0.0  # Speed setpoint, negative in reverse [m/s], or NaN for a law that uses the speed of the path
 
 
 class PlayTable(NamedTuple):
-    """Changes of the driver input, ordered by tick."""
+    """Changes of the driver input during a drive, ordered by tick."""
 
     ticks: Sequence[int]
     given: Sequence[PlayInput]
@@ -41,7 +42,7 @@ class PlayTable(NamedTuple):
 
 
 def write_inputs(path: Path, changes: Iterable[tuple[int, PlayInput]]) -> None:
-    """Write input changes, which are pairs of tick and input, as a CSV file."""
+    """Write changes of the driver input, as pairs of tick and input, to a CSV file."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(HEADER)

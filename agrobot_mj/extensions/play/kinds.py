@@ -1,4 +1,4 @@
-"""Guidance laws registered by this extension."""
+"""Guidance law `played`, which this extension adds to the scenario format."""
 
 from agrobot_mj.extensions.play.played import Played
 

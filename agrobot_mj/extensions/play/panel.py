@@ -1,6 +1,6 @@
 """Control panel in the viewer, with keys, sliders and curves. The panel exchanges messages with the simulation.
 
-The panel runs in a thread of MuJoCo Studio.
+The panel runs in a thread of MuJoCo Studio, the web viewer of MuJoCo.
 """
 
 import time
@@ -25,7 +25,7 @@ HELD = {
     "faster": (KEY.UpArrow, KEY.W),
     "slower": (KEY.DownArrow, KEY.S),
 }
-"""Keys for actions that continue while the key is pressed, by action."""
+"""Keys of actions that continue while a key is pressed, by action."""
 PRESSED = {
     "stop": KEY.Space,
     "law": KEY.L,
@@ -36,7 +36,7 @@ PRESSED = {
     "pause": KEY.P,
     "restart": KEY.Backspace,
 }
-"""Keys for actions that are executed once per key press, by action."""
+"""Key of each action that is executed once per key press."""
 HELP = (
     "arrows or WASD: steer, faster, slower\n"
     "Space stop   L law   H driver   P pause\n"
@@ -48,10 +48,10 @@ WIDTH, TALLEST, MARGIN = 300.0, 780.0, 10.0
 CURVE_SHARE, CURVE_LEAST = 0.24, 145.0
 """Height of the curve plots divided by the page height [-], and minimum height of the plots [pixels]."""
 LABEL = 125.0  # Width of the sliders in the panel [pixels]
-SHOWN_S = 20.0  # Duration of the signals shown by the curves [s]
+SHOWN_S = 20.0  # Length of the time axis of the curves [s]
 FLAG = imgui.WindowFlags
 FIXED = sum(map(int, (FLAG.NoNav, FLAG.NoTitleBar, FLAG.NoMove, FLAG.NoResize)))
-"""Window flags for a fixed window without title bar, whose widgets ignore the keyboard."""
+"""Flags for a fixed window without title bar, in which the keyboard does not move the focus."""
 WARNING = imgui.Vec4(0.9, 0.35, 0.1, 1.0)
 
 
@@ -66,7 +66,7 @@ class Press(messages.Event):  # type: ignore[misc, unused-ignore]
 
 @dataclass(frozen=True)
 class Restart(messages.Event):  # type: ignore[misc, unused-ignore]
-    """Message that requests a restart of the drive with new settings."""
+    """Message that requests a new start of the drive with new settings."""
 
     settings: NextStart
 
@@ -80,7 +80,7 @@ class HeldKeys(messages.Snapshot):  # type: ignore[misc, unused-ignore]
 
 @dataclass(frozen=True, eq=False)
 class PlayStatus(messages.Snapshot):  # type: ignore[misc, unused-ignore]
-    """Message with the quantities displayed in the panel."""
+    """Message to the panel with the displayed state of the drive."""
 
     title: str = ""
     laws: Sequence[str] = ()
@@ -118,12 +118,12 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
 
     @messages.handler
     def on_status(self, status: PlayStatus) -> None:
-        """Store the status for display in the next frame."""
+        """Store the status of the drive for display in the next frame."""
         self.status = status
 
     @messages.handler
     def on_model(self, _: messages.PostModelEvent) -> None:
-        """Point the camera at the tractor of a new model, and reset edited sliders."""
+        """Point the camera at the tractor of a new model, and reset the edited sliders."""
         self.aim(self.viewer.camera)
         self.edited.clear()
         self.tyre = None
@@ -136,7 +136,7 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
         self._curves()
 
     def send(self, name: str, value: float = 0.0, text: str = "") -> None:
-        """Send a message to the simulation."""
+        """Send a message about the key, button or slider `name` to the simulation."""
         self.viewer.send_to_sim(Press(name, value, text))
 
     def _keys(self) -> None:
@@ -216,7 +216,7 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
     def _slider(
         self, name: str, label: str, value: float, low: float, high: float, live: bool = False, kept: bool = False
     ) -> None:
-        """Draw a slider.
+        """Draw a slider with the range `low` to `high`.
 
         The value is sent when the slider is released and, if `live`, while it is dragged. If `kept`, the value is only
         sent at a restart.

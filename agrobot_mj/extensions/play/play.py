@@ -35,7 +35,7 @@ from agrobot_mj.simulation.results import check_folder, results
 from agrobot_mj.simulation.storage import RECORDING, files_of_run, write_log
 
 SHOW_S = 0.04  # Maximum time between two message exchanges with the viewer [s]
-BEHIND_S = 0.25  # Delay above which a drive no longer catches up with real time, but continues with the delay [s]
+BEHIND_S = 0.25  # Maximum delay behind real time that a drive makes up [s]. Longer delays are reduced to this value.
 CLOSE_S = 1.0  # Maximum time to wait for the viewer to exit after the files are written [s]
 RATE_S = 1.0  # Time over which the ratio of simulated to wall-clock time is measured [s]
 
@@ -44,13 +44,13 @@ class PlayOptions(NamedTuple):
     """Options of `agrobot-mj play`."""
 
     port: int = 0
-    network: bool = False  # Whether other computers can reach the page
+    network: bool = False  # Whether other computers can open the page
     seconds: float | None = None  # Wall-clock time after which the program ends [s], or None for no limit
     recorded: bool = True  # Whether each drive is recorded for Rerun
 
 
 class Inbox(plugin.SimPlugin):  # type: ignore[misc, unused-ignore]
-    """Storage of the messages received from the panel."""
+    """Storage of the messages that the simulation receives from the panel."""
 
     def __init__(self) -> None:
         self.presses: list[Press | Restart] = []
@@ -58,7 +58,7 @@ class Inbox(plugin.SimPlugin):  # type: ignore[misc, unused-ignore]
 
     @messages.handler
     def on_press(self, press: Press) -> None:
-        """Store a message about a key, button or slider."""
+        """Store a message about a pressed key, a button or a slider."""
         self.presses.append(press)
 
     @messages.handler
@@ -68,22 +68,22 @@ class Inbox(plugin.SimPlugin):  # type: ignore[misc, unused-ignore]
 
     @messages.handler
     def on_held(self, held: HeldKeys) -> None:
-        """Store the pressed keys."""
+        """Store the currently pressed driving keys."""
         self.keys = held.keys
 
 
 class Play:
-    """Interactive drive with its session, driver and view, which executes requests from the panel."""
+    """Interactive drive: simulation, driver and view. Executes the requests of the panel."""
 
     def __init__(self, scenario: Scenario, keep: Callable[[PlaySession], Any]) -> None:
-        """Prepare the first drive. `keep` is called with the session of each finished drive and writes its files."""
+        """Prepare the first drive. The function `keep` writes the files of a finished drive, given as a session."""
         self.keep, self.paused = keep, False
         self.start(scenario)
         self.laws, self.faults, self.tyres = self.session.law_names, fault_kinds(), tyre_kinds()
         self.rate, self._measured = 1.0, (time.monotonic(), 0)
 
     def start(self, scenario: Scenario) -> None:
-        """Create a session with the tractor at the start of a scenario."""
+        """Create a drive with the tractor at the start of a scenario."""
         self.session = PlaySession(scenario)
         self.driver, self.view = PlayDriver(self.session), PlayView(self.session)
         self.times: list[float] = []
@@ -91,7 +91,7 @@ class Play:
         self.rolls: list[float] = []
 
     def restart(self, settings: NextStart) -> None:
-        """Save the current drive, and start a new drive with the given settings."""
+        """Save the current drive and start a new one, or continue the drive if a setting is invalid."""
         before = self.session
         try:
             self.start(restarted(before.base, settings))
@@ -101,7 +101,7 @@ class Play:
             self.keep(before)
 
     def execute(self, press: Press | Restart) -> None:
-        """Execute the request of a panel message."""
+        """Execute the request in a message from the panel."""
         if isinstance(press, Restart):
             self.restart(press.settings)
             return
@@ -134,7 +134,7 @@ class Play:
             del values[kept:]
 
     def tick(self, keys: Keys) -> None:
-        """Advance one tick and update the view and the curves."""
+        """Advance the drive by one tick, and update the view and the curves."""
         self.driver.tick(keys)
         self.view.pose(self.session.sim)
         truth = self.session.sim.truth
@@ -147,13 +147,13 @@ class Play:
             del values[:-most]
 
     def measure(self, now: float, ticks: int) -> None:
-        """Update the ratio of simulated to wall-clock time. `ticks` is the number of ticks since the start."""
+        """Update the ratio of simulated to wall-clock time at time `now` [s], after `ticks` simulated ticks."""
         since, before = self._measured
         if now - since >= RATE_S:
             self.rate, self._measured = (ticks - before) * TICK_S / (now - since), (now, ticks)
 
     def status(self) -> PlayStatus:
-        """Return the message with the quantities displayed in the panel."""
+        """Return the message with the displayed state of the drive."""
         session, driver, truth = self.session, self.driver, self.session.sim.truth
         base = session.base
         return PlayStatus(
@@ -257,7 +257,7 @@ def _loop(
 
 
 def save(session: PlaySession, folder: Path, recorded: bool) -> Log:
-    """Write the files of a drive. Running the written scenario reproduces the drive."""
+    """Write the files of a drive and return its log. Running the written scenario reproduces the drive."""
     from agrobot_mj.recording import Recording
 
     with tempfile.TemporaryDirectory() as place:

@@ -1,4 +1,4 @@
-"""Guidance by a human driver, and by guidance laws to which the driver hands over.
+"""Guidance law `played`: guidance by a human driver, and by guidance laws to which the driver hands over control.
 
 `agrobot-mj play` sets the input of each tick. With `inputs.file`, the inputs are read from a table, which reproduces an
 earlier drive. A law that takes over starts at the point of the path nearest to the tractor. The time on the path starts
@@ -24,16 +24,16 @@ LEAST_SPEED_M_S = 0.05  # Path speed below which the time on the path advances i
 
 
 class PlayState(NamedTuple):
-    """State of the guidance law `Played`."""
+    """State of the guidance law `played`."""
 
     given: PlayInput = PlayInput()  # Input of the current tick
-    law: int = 0  # Index of the law to which `inner` belongs, from 1, or 0 for the driver
-    inner: Any = None  # State of the law given by `law`
-    time: float = 0.0  # Time on the path of the law that steers [s]
+    law: int = 0  # Number of the guidance law to which `inner` belongs, counted from 1, or 0 for the driver
+    inner: Any = None  # State of the guidance law with the number `law`
+    time: float = 0.0  # Time on the path of the active guidance law [s]
 
 
 class PlayRecord(Spec):
-    """Recorded inputs of a drive."""
+    """Recorded driver inputs of an earlier drive."""
 
     file: str | None = None
     """CSV file (`inputs.csv`) with inputs of an earlier drive. Default: none; `agrobot-mj play` provides inputs."""
@@ -81,7 +81,7 @@ class Played(GuidanceLaw):
         return "play" if self.inputs.file is None else ""
 
     def check(self) -> None:
-        """Read the recorded inputs. Raise ValueError if they are invalid or refer to a missing law."""
+        """Read the recorded inputs. Raise ValueError if the inputs are invalid or refer to a missing guidance law."""
         for law in self.members:
             law.check()
         if (file := self.inputs.file) is not None:
@@ -148,7 +148,7 @@ class Played(GuidanceLaw):
         )
 
     def report(self, state: PlayState) -> Sequence[float]:
-        """Return the values of `columns`."""
+        """Return the driver input in the order of `columns`."""
         return float(state.given.law), state.given.steer, state.given.speed
 
 
@@ -171,7 +171,7 @@ def law_of(table: dict[str, Any], key: str) -> GuidanceLaw:
 
 
 def nearest_time(route: Route, x: float, y: float, last: float) -> float:
-    """Return the time, at most `last` [s], at which the reference is nearest to the position (x, y) [m]."""
+    """Return the time, at most `last` [s], at which the path reference is nearest to the position (x, y) [m]."""
     best = _nearest(route, x, y, 0.0, last, COARSE_S)
     return _nearest(route, x, y, max(best - COARSE_S, 0.0), min(best + COARSE_S, last), FINE_S)
 

@@ -25,7 +25,7 @@ LONGEST_S = 3600.0  # Maximum duration of a drive [s]
 
 
 class Mark(NamedTuple):
-    """Saved state of a drive for later restoration."""
+    """Saved state of a drive, to which the driver can return."""
 
     state: Snapshot
     given: PlayInput
@@ -37,8 +37,8 @@ class PlaySession:
     """Simulation of an interactive drive from the start of a scenario."""
 
     def __init__(self, scenario: Scenario) -> None:
-        """Place the tractor at the start. Raise `ScenarioError` for a scenario that is unsuitable for interactive
-        drives."""
+        """Place the tractor at the start of a scenario. Raise `ScenarioError` if the scenario is unsuitable for
+        interactive drives."""
         self.base = scenario
         self.sim = Simulation(drivable(scenario))
         self.law_names = [table["kind"] for table in self.played.laws]
@@ -53,26 +53,26 @@ class PlaySession:
 
     @property
     def played(self) -> Played:
-        """Guidance law of the drive."""
+        """Guidance law `played` of this drive."""
         guidance = self.sim.scenario.guidance
         assert isinstance(guidance, Played)
         return guidance
 
     @property
     def ticks(self) -> int:
-        """Number of simulated ticks."""
+        """Number of simulated ticks since the start of the drive."""
         return self.sim.rows.filled
 
     @property
     def driven(self) -> bool:
-        """Whether a guidance law was active or a nonzero speed was set during the drive."""
+        """Whether a guidance law was active or a nonzero speed was commanded during the drive."""
         return any(given.law or given.speed for _, given in self._changes)
 
     def tick(self) -> None:
         """Advance the simulation by one tick with the current input, unless the run has ended.
 
-        If a guidance law raises an exception, the tractor stops and the driver takes over; `message` contains the
-        reason.
+        If a guidance law raises an exception, the tractor stops and the driver takes over. The attribute `message` then
+        contains the reason.
         """
         if self.sim.done:
             return
@@ -98,7 +98,7 @@ class PlaySession:
         self.given = PlayInput(0, min(max(angle, -limit), limit), speed)
 
     def hand_over(self, law: int, speed: float = nan) -> None:
-        """Hand control over to guidance law number `law` (numbered from 1).
+        """Hand control over to the guidance law with the number `law`, counted from 1.
 
         `speed` is the speed setpoint of the law [m/s], or NaN for the speed of the path.
         """
@@ -107,18 +107,18 @@ class PlaySession:
         self.given = PlayInput(law, 0.0, speed)
 
     def adjust(self, name: str, value: float) -> None:
-        """Set the quantity `name` of `ADJUSTMENTS` to a value, from the next tick."""
+        """Set the quantity `name` of `ADJUSTMENTS` to a value that applies from the next tick."""
         faults = ADJUSTMENTS[name].faults(value)
         if self._script([name], [(f"{name}.{k}", fault, None) for k, fault in enumerate(faults)]):
             self.values[name] = value
 
     def inject(self, kind: str, seconds: float) -> None:
-        """Inject a fault with default parameters at the next tick, for a duration of `seconds`."""
+        """Inject a fault of the given kind with default parameters at the next tick, for a duration of `seconds`."""
         if self._script([], [("", {"kind": kind}, seconds)]):
             self.message = f"{kind} for {seconds:g} s"
 
     def _script(self, ended: list[str], begun: list[tuple[str, dict[str, Any], float | None]]) -> bool:
-        """At the next tick, end the faults of the adjusted quantities `ended` and start the faults `begun`.
+        """End the faults of the quantities `ended` and start the faults `begun` at the next tick.
 
         Return whether this succeeds. If the scenario is invalid, the drive is unchanged and `message` has the reason.
         """
@@ -145,12 +145,12 @@ class PlaySession:
         return True
 
     def mark(self) -> None:
-        """Save the current state of the drive."""
+        """Save the current state of the drive, so that the driver can return to it."""
         self._mark = Mark(self.sim.save(), self.given, dict(self._open), dict(self.values))
         self.message = f"state at {self.sim.truth.t:.1f} s kept"
 
     def recall(self) -> None:
-        """Restore the saved state, and discard the later part of the drive."""
+        """Restore the saved state, and discard the part of the drive after this state."""
         if self._mark is None:
             self.message = "no state has been kept"
             return
@@ -162,14 +162,14 @@ class PlaySession:
         self.message = f"back at {self.sim.truth.t:.1f} s"
 
     def cross_track(self) -> float:
-        """Return the cross-track error [m], positive to the left of the path."""
+        """Return the cross-track error of the CG [m], positive to the left of the path."""
         truth, route = self.sim.truth, self.sim.path
         r = route.at(nearest_time(route, truth.x, truth.y, self.played.search_s))
         side = -sin(r.yaw) * (truth.x - r.x) + cos(r.yaw) * (truth.y - r.y)
         return hypot(truth.x - r.x, truth.y - r.y) * (1.0 if side >= 0 else -1.0)
 
     def finished(self, folder: Path) -> Log:
-        """Write the inputs to a folder. Return the log of the drive with a scenario that reproduces the drive.
+        """Write the driver inputs to a folder. Return the log with a scenario that reproduces the drive.
 
         The last tick is simulated again with the written inputs, so that the drive and its reproduction end
         identically.
@@ -184,9 +184,9 @@ class PlaySession:
 
 
 def drivable(scenario: Scenario) -> Scenario:
-    """Return the scenario with guidance by a driver, who can hand over to the suitable guidance laws.
+    """Return the scenario with guidance by a driver, who can hand over to all suitable guidance laws.
 
-    Raise `ScenarioError` for a plant without 3D model or for external guidance.
+    Raise `ScenarioError` for a plant without a 3D model or for external guidance.
     """
     if scenario.plant.kind != "mujoco":
         raise ScenarioError(f'plant.kind: "{scenario.plant.kind}" has no 3D model to show; set plant.kind = "mujoco"')
@@ -218,7 +218,7 @@ def laws_of(scenario: Scenario) -> list[dict[str, Any]]:
 def _without_empty(
     faults: list[dict[str, Any]], still: Mapping[str, int]
 ) -> tuple[list[dict[str, Any]], dict[str, int]]:
-    """Return the faults with positive duration, and the indices of the active faults among these faults."""
+    """Return the faults with a positive duration, and the indices of the faults `still` in this list."""
     kept = [k for k, fault in enumerate(faults) if fault.get("end_s", fault["start_s"] + 1.0) > fault["start_s"]]
     return [faults[k] for k in kept], {name: kept.index(k) for name, k in still.items()}
 

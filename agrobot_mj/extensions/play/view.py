@@ -1,4 +1,4 @@
-"""View of the tractor and its ground in MuJoCo Studio: a separate model in the pose of the simulated tractor."""
+"""View of the tractor and its ground in MuJoCo Studio. A separate model has the pose of the simulated tractor."""
 
 from itertools import pairwise
 from typing import Any
@@ -24,7 +24,7 @@ CAMERA = (9.0, -18.0, 35.0)
 
 
 class PlayView:
-    """MuJoCo model and data for displaying a drive."""
+    """MuJoCo model and data for displaying an interactive drive."""
 
     def __init__(self, session: PlaySession) -> None:
         self.model = drawn_model(session.sim)
@@ -39,7 +39,7 @@ class PlayView:
         self.data.time = data.time
 
     def aim(self, camera: Any) -> None:
-        """Point a camera at the tractor from behind. The camera then follows the tractor."""
+        """Place a camera behind the tractor. The camera then follows the tractor."""
         w, x, y, z = self.data.qpos[3:7]
         yaw = np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
         camera.type = int(mujoco.mjtCamera.mjCAMERA_TRACKING)
@@ -56,7 +56,7 @@ def plant_of(sim: Simulation) -> MujocoPlant:
 
 
 def drawn_model(sim: Simulation) -> mujoco.MjModel:
-    """Return a model for drawing the tractor, its ground and its path, with contacts disabled."""
+    """Return a MuJoCo model of the tractor, its ground and its path for display, with contacts disabled."""
     plant, tyre = plant_of(sim), plant_of(sim).spec.tyre
     spec = tractor_spec(plant.machine)
     hitched = plant.machine.implement.hitched(plant.machine.tractor)

@@ -23,20 +23,20 @@ from agrobot_mj.extensions.play.gamepad import SCRIPT, SOCKET, Gamepad
 
 LOOPBACK, EVERYWHERE = "127.0.0.1", "::"
 START_S = 20.0  # Maximum start-up time of the viewer [s]. Assumed value, sufficient for a busy computer.
-SERVE = web_server.serve  # Function of MuJoCo Studio that starts its server. The server accepts pages of any site.
+SERVE = web_server.serve  # Function of MuJoCo Studio that starts a server. This server accepts pages of any site.
 PAGES = ("/", "/index.html")  # URL paths of the page
 STATE = "/state"  # URL path of the stream of poses, to which each page that shows the tractor is connected
 
 
 class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
-    """Web viewer with a configurable network address, unlike the viewer of MuJoCo Studio."""
+    """Web viewer of MuJoCo Studio, restricted to the network address `address`."""
 
     address = LOOPBACK
     clients = 0
-    """Number of browser pages that currently display the tractor."""
+    """Number of browser pages that display the tractor at present."""
 
     def __init__(self, *given: Any, pad: Gamepad, **options: Any) -> None:
-        """Start the server. Messages about a gamepad are passed to `pad`."""
+        """Start the server of the viewer. Messages about a gamepad are passed to `pad`."""
         self.pad = pad
         super().__init__(*given, **options)
 
@@ -46,7 +46,7 @@ class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
 
     @_host.setter
     def _host(self, _fixed: str) -> None:
-        """Ignore the fixed network address that MuJoCo Studio sets."""
+        """Ignore the network address that MuJoCo Studio assigns, because `address` is used instead."""
 
     @property
     def port(self) -> int:
@@ -94,7 +94,7 @@ class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
 
 
 def _with_gamepad(page: Response) -> Response:
-    """Return the page with the script that reads a gamepad."""
+    """Return the web page, to which the script that reads a gamepad is added."""
     page.body = page.body.replace(b"</body>", SCRIPT.encode() + b"</body>")
     del page.headers["Content-Length"]
     page.headers["Content-Length"] = str(len(page.body))
@@ -102,7 +102,7 @@ def _with_gamepad(page: Response) -> Response:
 
 
 class NetworkViewer(PlayViewer):
-    """Web viewer that accepts connections from other computers."""
+    """Web viewer that accepts connections from other computers and pages of all sites."""
 
     address = EVERYWHERE
     origins = None
@@ -111,7 +111,7 @@ class NetworkViewer(PlayViewer):
 def launch(
     port: int, network: bool, viewer_plugins: Sequence[Any], sim_plugins: Sequence[Any], pad: Gamepad
 ) -> tuple[Any, PlayViewer]:
-    """Start the viewer in a thread. Return the handle of the thread, and the viewer. `pad` receives gamepad messages.
+    """Start the viewer in a thread. Return the handle of the thread and the viewer. `pad` receives gamepad messages.
 
     Raise `ScenarioError` if the port is in use or the viewer does not start.
     """
