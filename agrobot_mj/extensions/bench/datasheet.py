@@ -35,8 +35,8 @@ from agrobot_mj.tyres.patch import LOAD
 
 LEVEL = Flat().ground()
 CREEPING_M_S, ROLLING_M_S, SLIPPING_M_S = 0.5, 1.0, 0.005
-"""Maximum speed of the turning and climbing tests, maximum speed of the steering test, and minimum speed of slipping
-braked wheels [m/s]. While one axle slips and the tyres of the other axle only deflect, the speed is 1-4 mm/s."""
+"""Maximum speed of the turning and climbing tests, maximum speed of the steering test, and speed above which braked
+wheels count as slipping [m/s]. While only one axle slips, the mean wheel speed is 1-4 mm/s."""
 CIRCLE_WHEELBASES, FASTEST_M_S = 20.0, 4.0
 """Radius of the circle for the understeer gradient [wheelbases], and maximum speed on this circle [m/s]. The speed is
 also limited to 80 % of the top speed of the machine."""
@@ -56,12 +56,12 @@ class Measured(NamedTuple):
 
     @property
     def written(self) -> dict[str, str | float | None]:
-        """Fields of the data-sheet line as JSON values, with six significant digits. A missing value is None."""
+        """Name, value and unit as JSON values. The value has six significant digits, or is None if it is not finite."""
         return {**self._asdict(), "value": float(f"{self.value:.6g}") if isfinite(self.value) else None}
 
 
 def data_sheet(machine: str) -> Iterator[Measured]:
-    """Measure a machine (name or path) and yield the lines of its data sheet.
+    """Measure a machine, given by name or path, and yield the lines of its data sheet.
 
     Raises `ScenarioError` for an unknown machine, or a plant other than MuJoCo.
     """
@@ -134,7 +134,7 @@ def _understeer(scenario: Scenario) -> float:
 
 
 def _slope(plant: MujocoPlant) -> Iterator[float]:
-    """Tilt gravity backwards as on an increasing uphill slope. Yield the slope in each tick [deg]."""
+    """Increase an uphill slope in each tick by tilting gravity backwards. Yield the slope of each tick [deg]."""
     grade = 0.0
     while grade < STEEPEST_DEG:
         grade += TICK_S * (QUICKLY_DEG_S if grade < SLOWLY_FROM_DEG else SLOWLY_DEG_S)
@@ -143,14 +143,16 @@ def _slope(plant: MujocoPlant) -> Iterator[float]:
 
 
 def _holding(scenario: Scenario) -> float:
-    """Return the maximum slope [deg] on which the brake holds a machine that faces uphill."""
+    """Return the slope [deg] on which the brake of a machine facing uphill begins to slip, or NaN if it always
+    holds."""
     plant = _plant(scenario.changed({"driveline.connected": False}))
     braked = Drive(NEUTRAL_V, NEUTRAL_V, 1.0)
     return next((grade for grade in _slope(plant) if abs(plant.advance(braked).wheel_speed) > SLIPPING_M_S), nan)
 
 
 def _climbing(scenario: Scenario) -> float:
-    """Return the slope at which a crawling machine at constant pedal slows to `CLIMBING` of its initial speed [deg]."""
+    """Return the slope [deg] on which a crawling machine at constant pedal slows down to the fraction `CLIMBING` of its
+    initial speed, or NaN if it never does."""
     driver = _driver(scenario, CREEPING_M_S)
     driver.go(5.0)
     *_, steady = hold(driver.plant, STEADY_S)  # oscillations of large, light machines decay
@@ -165,7 +167,7 @@ def _top_speed(scenario: Scenario) -> float:
 
 
 def sheet_text(measured: Measured) -> str:
-    """Return a line of a data sheet as text."""
+    """Return one line of a data sheet as text: name, value with four significant digits, and unit."""
     rounded = float(f"{measured.value:.4g}")  # no exponent for ten tonnes
     return f"{measured.name:32} {rounded:9g} {measured.unit}".rstrip()
 
@@ -176,14 +178,15 @@ SAYS = {
     "assumed": r"(Estimate|Assumed)\b|.*\bAssumed value\b",
     "printed": r"(Maker|Print|Printed|Code|Paper)\b|\[[A-Z][A-Za-z]+\d{4}",
 }
-"""Regular expressions for the first words of a comment in a machine file, by basis."""
+"""Regular expressions that recognize the basis of a parameter at the start of its comment in a machine file, by
+basis."""
 CITED = re.compile(r"\[[A-Z][A-Za-z]+\d{4}|Paper,")
 UNKNOWN = "not stated"  # Basis of a value for which the machine file has no comment
 _TABLE, _KEY = re.compile(r"\s*\[([\w.]+)\]\s*(?:#\s*(.*))?$"), re.compile(r"\s*([\w.]+)\s*=[^#]*(?:#\s*(.*))?$")
 
 
 class Basis(NamedTuple):
-    """Value of a machine parameter with its basis."""
+    """Machine parameter with its value and the basis of this value, for example `measured` or `assumed`."""
 
     key: str
     value: float  # Value in the unit of the key
@@ -191,7 +194,8 @@ class Basis(NamedTuple):
 
 
 def bases(machine: str, scenario: Scenario) -> Iterator[Basis]:
-    """Yield the `Basis` of each number of the tractor, the steering and the driveline. `machine` is a name or path."""
+    """Yield a `Basis` for each numerical parameter of the tractor, the steering and the driveline. `machine` is the
+    name or the path of a machine file."""
     found = machine_file(machine)
     stated = {} if found is None else comments(found[0].read_text(encoding="utf-8"))
     for table, part in (
@@ -209,7 +213,8 @@ def bases(machine: str, scenario: Scenario) -> Iterator[Basis]:
 
 
 def comments(text: str) -> dict[str, str]:
-    """Return the basis of each key in the text of a machine file, by dotted key."""
+    """Return the basis of each parameter in the text of a machine file, by dotted key, for example
+    `tractor.mass_kg`."""
     table, last, found = "", UNKNOWN, dict[str, str]()
     for line in text.splitlines():
         if header := _TABLE.match(line):
@@ -221,12 +226,13 @@ def comments(text: str) -> dict[str, str]:
 
 
 def basis_of(comment: str) -> str:
-    """Return the basis stated at the start of a comment."""
+    """Return the basis stated at the start of a comment (a key of `SAYS`), or `UNKNOWN`."""
     return next((basis for basis, pattern in SAYS.items() if re.match(pattern, comment)), UNKNOWN)
 
 
 def of_default(part: Spec, name: str) -> str:
-    """Return the basis of a default value, from the docstring of its key. The basis of scaled values is "assumed"."""
+    """Return the basis of a parameter that is not set in the machine file. The basis is "printed" for a default value
+    whose docstring cites a source, otherwise "assumed"."""
     text, default = type(part).describe(name), type(part).model_fields[name].default
     if "Assumed value" in text or name in part.sized or getattr(part, name) != default:
         return "assumed"
@@ -234,5 +240,5 @@ def of_default(part: Spec, name: str) -> str:
 
 
 def basis_text(found: Basis) -> str:
-    """Return a line of text with a parameter, its value and its basis."""
+    """Return one line of text with the key, the value and the basis of a parameter."""
     return f"{found.key:40} {float(f'{found.value:.4g}'):9g} {found.basis}"

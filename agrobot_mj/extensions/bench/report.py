@@ -1,4 +1,4 @@
-"""Report page of a validation."""
+"""Report page with the results of a validation, read from `validation.json`."""
 
 import json
 from pathlib import Path
@@ -11,7 +11,8 @@ NUMBERS = ("quantity", "subject", "measured", "theory", "unit", "band")
 
 
 def validation_page(folder: Path) -> Document:
-    """Return the report page of a validation, with all values and their positions within the acceptance bands."""
+    """Return the report page of the validation in `folder`: all measured values and their positions in the acceptance
+    bands."""
     checks = json.loads((folder / "validation.json").read_text("utf-8"))
     judged = [check for check in checks if check["band"] != "reported"]
     failed = [check for check in judged if not check["passed"]]

@@ -1,6 +1,7 @@
 """Validation of the plants: manoeuvres with known theoretical results, each with an acceptance band.
 
-The manoeuvres use the plants directly, without sensors and controllers.
+Most manoeuvres use the plants directly, without sensors and controllers. Closed-loop manoeuvres simulate complete
+scenarios.
 """
 
 from agrobot_mj.extensions.bench.manoeuvres.base import Check

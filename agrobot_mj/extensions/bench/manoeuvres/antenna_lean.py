@@ -7,7 +7,8 @@ angles of the run. *From parameters* means that the theory uses the slip angles 
 slope.
 
 Angles are relative to the line. V is the speed, T the tick, delta the steady steering angle, beta the crab angle
-(heading minus course), phi the roll, and h the height of the antenna. The CG is l_r ahead of R and h_c above R.
+(heading minus course), phi the roll, and h the height of the antenna. R is the point below the centre of the rear axle.
+The CG is l_r ahead of R and h_c above R.
 
 The lateral positions of antenna and CG relative to R are
 
@@ -83,7 +84,7 @@ class SlopeState(NamedTuple):
 
 
 def steady_state(tyre: Any, grade_deg: float) -> SlopeState:
-    """Return the theoretical steady state on a slope, computed from parameters only."""
+    """Return the theoretical steady state of the tractor across a slope, computed from its parameters only."""
     grade, state = radians(grade_deg), Tractor(tyre=tyre).side_slope(grade_deg)
     crab = atan(tan(state.rear_slip) * cos(grade))
     return SlopeState(grade + state.loads.lean, crab, state.front_slip - state.rear_slip)
@@ -100,8 +101,9 @@ def gains(scenario: Scenario) -> tuple[float, float]:
 
 
 def estimated(scenario: Scenario, delta: float) -> tuple[float, float]:
-    """Return the EKF estimates in steady state at a steering angle `delta` [rad]: sin(psi) [-], and the lateral offset
-    of the estimated R from the fixes, positive to the left [m]."""
+    """Return two steady-state estimates of the paper's EKF at a steering angle `delta` [rad]: the sine of the heading
+    [-], and the lateral offset of the estimated rear axle from the fixes [m], positive to the left. Both are zero for
+    other estimators."""
     if scenario.estimator.kind != "ekf":
         return 0.0, 0.0
     K_y, K_psi = gains(scenario)
@@ -111,7 +113,8 @@ def estimated(scenario: Scenario, delta: float) -> tuple[float, float]:
 
 
 def offset(scenario: Scenario, slope: SlopeState) -> float:
-    """Return the steady uphill offset of the CG from the line [m]. Raises ValueError if the guidance law saturates."""
+    """Return the theoretical steady uphill offset of the CG from the line [m]. Raises ValueError if the guidance law
+    saturates."""
     s, law, compensated = scenario, scenario.guidance, scenario.estimator.terrain_compensation
     h, l_r, h_c = s.tractor.antenna_height_m, s.tractor.cg_to_rear_axle, s.tractor.cg_height_m
     phi, beta, delta = slope
@@ -137,14 +140,15 @@ class SlopeDrive(NamedTuple):
 
 
 def loop(controller: str, estimator: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the scenario keys of a control loop with a controller and an estimator."""
+    """Return the scenario overrides that select a controller with its `GAINS` and an estimator, and enable the IMU."""
     return {"controller.kind": controller, **GAINS[controller], "estimator": estimator, "sensors.imu.enabled": True}
 
 
 def drive(
     tyre: Any, grade_deg: float, controller: str, estimator: dict[str, Any], heading_deg: float = 0.0
 ) -> SlopeDrive:
-    """Return the steady state of a run along a contour line, eastwards with the left side uphill, or westwards."""
+    """Simulate a run along a contour line and return its steady state. The run is eastwards with the left side uphill
+    (`heading_deg` 0), or westwards (180)."""
     given = {
         "duration_s": DRIVE_S,
         "terrain": {"kind": "slope", "grade_deg": grade_deg, "direction_deg": 90.0},

@@ -150,7 +150,8 @@ class Trial:
         plant.reset(ORIGIN)
 
     def level_plants(self, only_linear: bool = False) -> list[tuple[str, Any, Truth]]:
-        """Return name, plant and initial state of the bicycle and of a MuJoCo tractor on each tyre (or on `linear`)."""
+        """Return name, plant and initial true state of the bicycle model and of a MuJoCo tractor for each type of tyre.
+        `only_linear` restricts the MuJoCo tractors to the tyre `linear`."""
         bicycle = BicyclePlant(Bicycle(), STOCK, LEVEL.ground(), Clock.of(0.002))
         chosen = [Linear()] if only_linear else tyres()
         return [(BICYCLE, bicycle, bicycle.reset(ORIGIN)), *((tyre.kind, *self.mujoco(tyre)) for tyre in chosen)]

@@ -65,7 +65,8 @@ def deceleration(plant: MujocoPlant) -> float:
 
 
 def parked(m: Trial, mass_kg: float) -> float:
-    """Return the displacement in ten seconds of a parked tractor with tyres scaled to its mass [mm]."""
+    """Return the displacement of a parked tractor with tyres scaled to its mass [mm]: the maximum of its initial
+    distance from the origin and its displacement in ten seconds."""
     share = mass_kg / TractorParameters().mass_kg
     grown = {key: share * value for key, value in Linear().model_dump().items() if key.endswith(("_n_rad", "_n"))}
     slope = Slope(grade_deg=PARKED_DEG, direction_deg=20.0)

@@ -42,7 +42,8 @@ def hold_radius(radius: float, wheelbase: float) -> Steer:
 
 
 def circle(driver: Driver, seconds: float, radius: float = RADIUS_M, speeds: Array = SPEEDS_M_S) -> Array:
-    """Return lateral acceleration [m/s2] and steering angle minus L / R [rad] at each speed, shape (n, 2)."""
+    """Drive a circle for `seconds` at each speed. Return the lateral acceleration [m/s2] and the steering angle minus
+    wheelbase divided by radius [rad] at each speed, shape (n, 2)."""
     L = driver.plant.tractor.wheelbase_m
     rule, rows = hold_radius(radius, L), []
     for speed in speeds:

@@ -44,7 +44,8 @@ class Wheel:
         self.down = down / np.linalg.norm(down)
 
     def powers(self, velocity: Array, spin: Array) -> tuple[float, float, float]:
-        """Return tyre loss, damping power and power stored in the tyre spring [W], at mid-step velocities (3,)."""
+        """Return three powers of the tyre in a physics step [W]: losses, vertical damping, and power stored in the tyre
+        spring. `velocity` and `spin` are the mid-step velocities of the wheel, shape (3,)."""
         plant, i, n, t = self.plant, self.i, self.n, self.plant.tyred.tyres
         report, wrench = plant.tyred.report[i], plant.data.xfrc_applied[self.body]
         tip = self.centre + t.radius[i] * self.down

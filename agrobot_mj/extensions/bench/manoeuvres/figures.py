@@ -53,7 +53,7 @@ def step_steer(steps: Mapping[str, Step]) -> Figure:
 
 
 def side_slope(rows: Mapping[str, list[tuple[float, float]]]) -> Figure:
-    """Plot the crab angle of the heading versus the grade, with the theoretical mean crab angle."""
+    """Plot the crab angle of the heading versus the grade of a side slope, with the theoretical mean crab angle."""
     figure = Figure((PANEL_WIDTH_IN + 1.0, 3.2), layout="constrained")
     axes, grades = figure.subplots(), np.linspace(0.0, 16.0, 33)
     for kind, seen in rows.items():
@@ -69,7 +69,8 @@ def side_slope(rows: Mapping[str, list[tuple[float, float]]]) -> Figure:
 
 
 def antenna_lean(rows: Mapping[str, Mapping[str, list[tuple[float, float]]]]) -> Figure:
-    """Plot the offset of the CG versus the grade: one panel per controller, one line style per estimator."""
+    """Plot the offset of the CG from the line versus the grade of a side slope, with one panel per controller and one
+    line style per estimator."""
     controllers = list(dict.fromkeys(words.split(", ")[0] for words in rows))
     figure = Figure((2 * PANEL_WIDTH_IN, 3.2), layout="constrained")
     grades = np.linspace(0.5, 15.0, 30)
@@ -95,7 +96,8 @@ def antenna_lean(rows: Mapping[str, Mapping[str, list[tuple[float, float]]]]) ->
 
 
 def understeer(rows: Mapping[str, np.ndarray]) -> Figure:
-    """Plot the steering angle minus L / R versus the lateral acceleration."""
+    """Plot the steering angle minus wheelbase divided by radius versus the lateral acceleration, with one curve per
+    tyre."""
     figure = Figure((PANEL_WIDTH_IN + 1.0, 3.2), layout="constrained")
     axes, a = figure.subplots(), np.linspace(0.02, 0.6, 25)
     for subject, seen in rows.items():

@@ -15,7 +15,7 @@ the angle between trailer and tractor. The pin carries the rest of the lateral f
 point mass at the pin. At walking pace the motion is purely geometric. The trailer axle then has the turning radius
 sqrt(R^2 + b^2 - d^2), where R is the turning radius of the rear axle.
 
-The draught is that of ASABE D497 at the current speed and depth. At constant speed, the pull at the hitch is the sum of
+The draught follows ASABE D497 at the current speed and depth. At constant speed, the pull at the hitch is the sum of
 all resistances of the implement.
 """
 
@@ -117,7 +117,8 @@ def turns(m: Trial, implement: ImplementBase, theory: Any, words: str, seconds: 
 
 
 def radius_of(truth: dict[str, Array], x: str, y: str) -> float:
-    """Return the mean distance of point `x`, `y` from the tractor's instantaneous centre of rotation [m]."""
+    """Return the mean distance of a point from the tractor's instantaneous centre of rotation [m]. `x` and `y` are the
+    names of the signals with the coordinates of the point."""
     R = truth["speed"] / truth["yaw_rate"]
     c_x, c_y = truth["rear_x"] - R * np.sin(truth["yaw"]), truth["rear_y"] + R * np.cos(truth["yaw"])
     return float(np.hypot(truth[x] - c_x, truth[y] - c_y).mean())

@@ -43,7 +43,7 @@ class Turning(NamedTuple):
     """Mean steering torques of sweeps in both directions."""
 
     torque: float  # Torque that opposes the motion [N m], mean of both directions
-    offset: float  # Half of the difference between the torques in both directions [N m]
+    offset: float  # Mean of the signed torques of both directions [N m], positive to the left
 
 
 def volts(machine: Machine, side: int, rate_deg_s: float) -> float:

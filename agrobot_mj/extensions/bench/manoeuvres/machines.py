@@ -29,7 +29,7 @@ DRIVE_S, SETTLED_S = 120.0, 40.0  # Duration of a run, and of its final part tha
 QUICK = ("compact", "row_crop")
 BARE: dict[str, Any] = {
     "implement": {"kind": "none"},
-    "estimator": {"kind": "ekf"},  # the closed form is that of the paper's filter
+    "estimator": {"kind": "ekf"},  # the closed form is valid for the paper's filter
     **GAINS["pd_t2fnn"],  # gains tuned for the compact tractor let large machines oscillate
     "duration_s": DRIVE_S,
     "path.length_m": 200.0,

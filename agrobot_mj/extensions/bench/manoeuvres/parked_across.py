@@ -27,7 +27,7 @@ SLOPE = Slope(grade_deg=GRADE_DEG, direction_deg=90.0)
 MASSES_KG = (TractorParameters().mass_kg, 2500.0)
 WATCHED_S = 20.0
 MOVES_MM, DIGS_MM = 0.1, 0.1  # Maximum motion and maximum additional sinkage of a parked tractor [mm]
-LEANS = 0.02  # Fraction of the load added because roll on soil shifts the centre of gravity [-]
+LEANS = 0.02  # Acceptance limit of the load on the lower wheels [relative]. Roll on soil shifts the centre of gravity.
 
 
 def run(m: Trial) -> Iterator[Check]:
@@ -50,6 +50,6 @@ def run(m: Trial) -> Iterator[Check]:
 
 
 def deepest(plant: MujocoPlant) -> float:
-    """Return the maximum rut depth below the plant [m]."""
+    """Return the maximum depth of the ruts made by the plant [m], or 0 without ruts."""
     ruts = plant.ruts()
     return 0.0 if ruts is None or not len(ruts.depth) else float(ruts.depth.max())

@@ -118,7 +118,8 @@ def plate(m: Trial, tyre: Ruts) -> Iterator[Check]:
 
 
 def repeated(soil: Bearing, k: float, count: int) -> float:
-    """Return the plastic sinkage of a plate after `count` loadings to 100 kPa, divided by that of one loading [-]."""
+    """Return the plastic sinkage of a plate after `count` loadings to 100 kPa, divided by the sinkage after one loading
+    [-]."""
     cell, depth, sunk = SoilCell(0.0, 0.0, 0.0, 0.0, 0.0), 0.0, []
     for _ in range(count):
         while cell.pressure < 1e5:

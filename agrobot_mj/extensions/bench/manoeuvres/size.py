@@ -49,7 +49,8 @@ def trailer(mass_kg: float) -> Drawn:
 
 
 def crab(m: Trial, machine: Machine) -> tuple[float, float]:
-    """Return the stiffness-weighted mean slip angle of both axles and the hitch angle (0 if there is none) [deg]."""
+    """Return the mean slip angle of both axles, weighted by stiffness, and the hitch angle (0 without an implement)
+    [deg]."""
     plant, truth = m.mujoco(TYRE, Slope(grade_deg=GRADE_DEG, direction_deg=90.0), machine)
     # equal speed in wheelbases per second, because the driver's gains are those of a compact tractor
     speed = SPEED_M_S * machine.tractor.wheelbase_m / TractorParameters().wheelbase_m
@@ -71,7 +72,8 @@ def peak(tractor: TractorParameters, wheel: int) -> float:
 
 
 def parked(m: Trial, machine: Machine) -> tuple[float, float]:
-    """Return the steering torque of a parked tractor [N m], and the final steering angle [deg]."""
+    """Steer a parked tractor to its left stop. Return the mean steering torque [N m] and the final steering angle
+    [deg]."""
     driver = Driver(*m.mujoco(TYRE, machine=machine))
     torques = machine.cylinder.displacement * driver.pressures(1.0, NEUTRAL_V + 2.0)
     driver.go_by_voltage(4.0, 2 * NEUTRAL_V)

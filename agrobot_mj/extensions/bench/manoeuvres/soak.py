@@ -20,7 +20,8 @@ HOLD_S = 0.5  # Time for which a random voltage remains constant [s]
 
 
 def soak(m: Trial, plant: MujocoPlant, seconds: float) -> tuple[int, int]:
-    """Return the number of ticks with NaN or infinite values, and the number of restarts."""
+    """Simulate random driving for `seconds`. Return the number of ticks with a diverged or non-finite state, and the
+    number of restarts."""
     rng = np.random.default_rng(1)
     broken = restarts = 0
     drive = Drive(0.0, 0.0)

@@ -58,7 +58,7 @@ def tipping_slope(m: Trial, s: Scenario) -> float:
 
 
 def stands(m: Trial, s: Scenario, grade_deg: float) -> bool:
-    """Return whether the machine rests on four wheels after its placement across a slope."""
+    """Return whether the machine is at rest on four wheels after its placement across a slope of `grade_deg`."""
     ground = Slope(grade_deg=grade_deg, direction_deg=90.0).ground()._replace(surface=GRIPPING)
     plant = plant_of(m, s, ground)
     return plant.trouble() is None and float(plant.wheels().reshape(-1, 4)[LOAD].min()) > 0.0

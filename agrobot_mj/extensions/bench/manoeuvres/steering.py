@@ -29,7 +29,8 @@ SPEED_M_S = 1.2
 RAMP_V = (0.5, 1.0, 2.0, 3.0)  # Voltages relative to neutral, above the dead band and below saturation [V]
 STEP_V = 3.0  # Voltage of the step [V], relative to neutral
 STATIC_BAND, TIME_BAND, DELAY_BAND_S = 0.02, 0.05, 0.005
-"""Relative limits of dead band, gains and rate limit, and of the time constant; limit of the delay [s] (2.5 steps)."""
+"""Acceptance limits of dead band, gains and rate limit [relative], of the time constant [relative], and of the delay
+[s], which is 2.5 physics steps."""
 PHYSICS_S = 0.002
 
 
@@ -86,13 +87,13 @@ def measure(plant: Any, side: int, displacement: float) -> ValveResponse:
 
 
 def oil_column(subject: str) -> float:
-    """Return the delay due to the compliance of the cylinder [s]."""
+    """Return the delay due to the compliance of the cylinder [s], which is 0 for the bicycle model."""
     column = STOCK.cylinder.column(STOCK.tractor)
     return 0.0 if subject == BICYCLE else column.damping / column.stiffness
 
 
 def identification(m: Trial, subject: str, plant: Any) -> Iterator[Check]:
-    """Yield checks of the identified valve parameters on both sides."""
+    """Yield checks of the valve parameters identified for steering to the left and to the right."""
     valve, cylinder = Valve(), Cylinder()
     limit = valve.pump_flow_l_min * LITRE_PER_MINUTE / cylinder.displacement
     judged = subject == BICYCLE or tyre_of(subject).judged
@@ -146,7 +147,7 @@ def relief(m: Trial, tyre: Any) -> Check:
 
 
 def leaving(seen: Array, stop: float) -> float:
-    """Return the time at which the steering angle is first 2 degrees away from its stop [s]."""
+    """Return the time from the valve reversal until the steering angle is 2 degrees away from its stop [s]."""
     return PHYSICS_S * (1 + int(np.argmax(np.abs(seen) < stop - radians(2.0))))
 
 

@@ -35,7 +35,7 @@ from agrobot_mj.tyres import Linear
 
 SPEED_M_S, STEER = 4.0, radians(3.0)
 PULSE_S, PHYSICS_S = 3 * TICK_S, 0.002
-BAND = 0.02  # Acceptance limit of the steady gain [relative], as in the tests of the plants
+BAND = 0.02  # Acceptance limit of the steady gain and of the RMS yaw-rate deviation [relative]
 TRANSIENT_BAND = 0.10
 """Acceptance limit of the overshoot [relative]. It is wide, because the overshoot is a small yaw-rate difference."""
 
@@ -68,7 +68,7 @@ def rise(t: Array, values: Array, share: float) -> float:
 
 
 def swept(voltage: float) -> float:
-    """Return the steering angle after a voltage pulse, for a rigid cylinder [rad]."""
+    """Return the final steering angle after a pulse of the valve voltage, for a rigid cylinder [rad]."""
     law, memory = valve_law(Valve(), PHYSICS_S)
     volume = 0.0
     for k in range(round((PULSE_S + 1.0) / PHYSICS_S)):

@@ -57,7 +57,8 @@ def section(name: str, text: str, checks: Sequence[Check]) -> str:
 
 
 def opening(text: str) -> str:
-    """Return a docstring, ending with the first paragraph that ends with a full stop. Equations become code blocks."""
+    """Return the start of a docstring as Markdown, up to the first paragraph that ends with a full stop. Equations,
+    which are indented, become code blocks."""
     blocks = []
     for block in text.strip().split("\n\n"):
         equation = block.startswith("    ")
@@ -98,7 +99,8 @@ def _cell(check: Check | None, own_theory: bool) -> str:
 
 
 def number(value: float) -> str:
-    """Return a number as text with four significant digits, without exponent."""
+    """Return a number as text with four significant digits, as an integer from 1000, or as an upper limit if
+    negligible."""
     if value == 0 or abs(value) >= NEGLIGIBLE:
         return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
     return f"< {NEGLIGIBLE:g}"
@@ -116,7 +118,7 @@ MANOEUVRES: dict[str, Run] = {
     NAMES.get(module, module.replace("_", " ")): import_module(f"{__package__}.{module}").run for module in MODULES
 }
 
-FILES = ("validation.json", "validation.md", "images/")  # Files written by a validation, and a folder
+FILES = ("validation.json", "validation.md", "images/")  # Files and folder written by a validation
 
 
 def validate(

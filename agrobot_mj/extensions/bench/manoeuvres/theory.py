@@ -53,7 +53,7 @@ class Parts(NamedTuple):
     """Masses and positions of the two bodies joined by the roll pivot of the front axle."""
 
     body_kg: float  # Mass m_b of the body [kg]
-    body_x: float  # Longitudinal position x_b of the body's CG [m]
+    body_x: float  # Distance x_b of the body's CG ahead of the rear axle [m]
     body_z: float  # Height z_b of the body's CG [m]
     front_kg: float  # Mass m_f of the front assembly: axle, knuckles and front wheels [kg]
     front_z: float  # Height z_f of the CG of the front assembly [m]
@@ -77,7 +77,7 @@ def parts(tractor: TractorParameters) -> Parts:
 class Loads(NamedTuple):
     """Wheel loads under a steady lateral acceleration."""
 
-    wheels: Array  # Loads of fl, fr, rl, rr, shape (4,) [N]
+    wheels: Array  # Loads of the wheels front left, front right, rear left and rear right, shape (4,) [N]
     lean: float  # Roll angle phi of the body [rad], positive to the right
 
 
@@ -110,7 +110,9 @@ class Tractor:
         aside: Pair = (0.0, 0.0),
         dragged: float = 0.0,
     ) -> Loads:
-        """Return the wheel loads [N] for the front side force F_f and a load transfer `shift` to the rear axle [N].
+        """Return the wheel loads and the roll angle at lateral acceleration `a` and gravity `g_n` normal to the ground
+        [m/s2]. `front_force` is the front side force F_f, and `shift` the load transfer to the rear axle [N]. `bend`
+        adds the gyroscopic moments of the wheels.
 
         `aside` is the sum of load times lateral displacement of the contact patches, for each axle [N m]. `dragged` is
         the lateral component D of the drag of steered front wheels [N].
@@ -132,7 +134,8 @@ class Tractor:
         return Loads(np.array([front / 2 - over, front / 2 + over, rear / 2 - half, rear / 2 + half]), lean)
 
     def aside(self, loads: Array, forces: Array) -> Pair:
-        """Return the sum of load times lateral patch displacement for each axle [N m], for lateral forces [N]."""
+        """Return the sum of wheel load times lateral patch displacement for each axle [N m], from the loads and the
+        lateral forces of the wheels (4,) [N]. The sums are zero for tyres whose load does not move with the patch."""
         if not self.tyres.load_follows:
             return 0.0, 0.0
         moments = loads * forces / self.tyres.springs[:, 1]
@@ -216,7 +219,8 @@ class Tractor:
         return Balance(loads, front_slip, rear_slip)
 
     def leaning(self, against: Array) -> float:
-        """Return the yaw moment out of the bend per roll angle [N m/rad], for the resistances of the wheels [N].
+        """Return the yaw moment with which the wheel resistances `against` [N] turn a rolled tractor out of the bend,
+        divided by the roll angle [N m/rad].
 
         The rear wheels push at their contact patches, which are laterally offset from wheel centres and pivot. The open
         differential gives both wheels the same torque. The more compressed wheel, with its smaller rolling radius,
@@ -281,7 +285,7 @@ def understeer_gradient(tractor: TractorParameters, C_f: float, C_r: float) -> f
 
 
 def crab_of_any_mass(tractor: TractorParameters, tyre: MagicFormula, grade_deg: float) -> float:
-    """Return the mean slip angle across a slope of a tractor whose tyres are sized to their static loads [deg].
+    """Return the theoretical mean slip angle [deg] of a tractor across a slope, with tyres sized to their static loads.
 
     The angle is sin(grade) divided by the mean ratio of stiffness to load, weighted by the axle load fractions.
     """

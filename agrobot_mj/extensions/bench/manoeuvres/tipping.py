@@ -36,13 +36,13 @@ GRIPPING = Surface(-50.0, -50.0, 100.0, np.array([[4.0]]), np.array([[0.0]]))
 class TiltTest(NamedTuple):
     """Result of a tilt test."""
 
-    lifted_deg: float  # Slope at which the upper rear wheel last touched the ground [deg]
+    lifted_deg: float  # Slope at which the upper rear wheel last touched the ground [deg], or the final slope
     slid_deg: float | None
     """Slope at which the tractor has slid by `SLID_M` [deg], or None if the tractor tipped over first."""
 
 
 def tilt(plant: MujocoPlant, left_side_up: bool, last_deg: float = TO_DEG) -> TiltTest:
-    """Tilt gravity up to `last_deg`, or until the tractor rolls over or slides. Return the result.
+    """Tilt gravity up to `last_deg`, or until the tractor rolls over or slides. Return the slopes at these events.
 
     The tilt direction follows the yaw of the tractor, which changes by some degrees on its tyres.
     """

@@ -64,7 +64,8 @@ def combined(table: pa.Table) -> Figure:
 
 
 def step(table: pa.Table) -> Figure | None:
-    """Plot the ratio of lateral to steady force versus distance after a slip-angle step, with one curve per speed."""
+    """Plot the lateral force after a step of the slip angle, divided by its steady value, versus distance, with one
+    curve per speed. Return None for tyres without relaxation."""
     if not _rows(table, test="step").num_rows:
         return None
     figure, grid = _panels(table)
@@ -97,7 +98,8 @@ def speed(table: pa.Table) -> Figure:
 
 
 def hopping(table: pa.Table) -> Figure | None:
-    """Plot the fraction of time in contact versus slip angle, by speed. Return None if contact is permanent."""
+    """Plot the fraction of time in which the wheel touches the ground versus slip angle, with one curve per speed.
+    Return None if the wheel never leaves the ground."""
     if np.all(_column(_rows(table, test="lateral"), "grounded") == 1.0):
         return None
     figure, grid = _panels(table)
@@ -145,7 +147,8 @@ def _steady_force(table: pa.Table, axle: str, speed: float, step: pa.Table) -> f
 
 
 def _draw_creep(axes: Axes, rows: pa.Table, speed: float, colour: str, width: float) -> str:
-    """Plot the lateral force divided by the load at one speed. Return its slope at zero slip as text [1/rad]."""
+    """Plot the lateral force divided by the load versus small slip angles, at one speed. Return the slope of the curve
+    at zero slip as text [1/rad]."""
     curve = _rows(rows, speed_m_s=speed)
     angle, force = _column(curve, "slip_angle_rad"), _column(curve, "fy_n") / _column(curve, "load_n")
     axes.plot(np.degrees(angle), force, color=colour, linewidth=width, label=f"{speed:g} m/s")

@@ -42,7 +42,8 @@ class Specimen(NamedTuple):
 
 
 def load_specimen(source: str) -> Specimen:
-    """Return the default tyre of a type, or the tyre in a TOML file."""
+    """Return the tyre to be tested. `source` is a type of tyre, which selects its default parameters, or a TOML
+    file."""
     kinds = list(families()["plant.tyre"])
     if source in kinds:
         return _resolved({"tyre": {"kind": source}}, "tyre.", source)
@@ -131,7 +132,8 @@ def longitudinal(speeds: Iterable[float], loads: Iterable[float]) -> Iterator[Se
 
 
 def combined(load: float) -> Iterator[Setting]:
-    """Yield rig settings with slip ratios at several slip angles, followed by slip angles far beyond the peak force."""
+    """Yield rig settings of the test `combined`: swept slip ratios at several slip angles, then free rolling at slip
+    angles up to `FAR_DEG`."""
     ratios = FAR_RATIO * np.sin(np.linspace(-1, 1, 61) * np.pi / 2) ** 3
     yield from (Setting(SPEED_M_S, float(a), float(k), load) for a in np.radians(COMBINED_DEG) for k in ratios)
     yield from (Setting(SPEED_M_S, float(a), 0.0, load) for a in np.radians(np.linspace(0, FAR_DEG, 61)))

@@ -41,7 +41,8 @@ class Towed:
         self.load = 0.0
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Return one `Reading` per step since the start of the motion, shape (steps, 5)."""
+        """Return one `Reading` per time step of a motion over `distance_m` [m] that starts suddenly, shape (steps,
+        5)."""
         self._carry(setting.load)
         model, data = self.model, self.data
         data.qpos[:], data.time = self.settled, 0.0

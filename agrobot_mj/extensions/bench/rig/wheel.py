@@ -21,7 +21,8 @@ from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, TyreSet, WheelMotion
 DT_S = 0.002  # Time step of the rig [s], equal to the default physics step
 SETTLE_LENGTHS = 25.0  # Distance before a measurement [relaxation lengths]; a transient decays by exp(-25) = 1e-11
 MOST_RADII = 10.0
-"""Maximum relaxation length divided by free radius [-], as in scenarios. Longer relaxation makes tests too long."""
+"""Maximum relaxation length divided by free radius [-], as for scenario files. A longer relaxation length makes tests
+too long."""
 FRONT, REAR = 0, 2  # Indices of the front and rear wheel whose tyres are tested
 AXLES = {"front": FRONT, "rear": REAR}
 
@@ -57,7 +58,8 @@ class TestBench(Protocol):
     """Relaxation length of the tyre [m], or 0 for a tyre without relaxation."""
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Return one `Reading` per step since the start of the motion, shape (steps, 5)."""
+        """Return one `Reading` per time step of a motion over `distance_m` [m] that starts suddenly, shape (steps,
+        5)."""
 
     def steady(self, setting: Setting) -> Reading:
         """Return the forces, the moment and the contact fraction in steady state."""
@@ -92,7 +94,8 @@ class Rig:
             raise ValueError(f"the relaxation length must be at most {MOST_RADII:g} wheel radii, got {radii:g}")
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Return one `Reading` per step of a motion that starts with undeflected bristles, shape (steps, 5)."""
+        """Return one `Reading` per time step of a motion over `distance_m` [m] that starts with undeflected bristles,
+        shape (steps, 5)."""
         out = np.zeros((max(2, round(distance_m / (setting.speed * self.dt))), 5))
         drive_wheel(self.tyres, self.wheel, self.ground, setting, self.dt, out)
         return out
