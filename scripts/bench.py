@@ -48,7 +48,8 @@ AIM_REAL_TIME, AIM_FAST, AIM_RECOMMENDED = 250.0, 600.0, 450.0
 AIM_INTERPRETED = {"standard": 220, "fast": 420}
 """Targets for the real-time factor with a guidance law in Python, by physics."""
 AIM_TYRE, AIM_SINKING, GRID = 1.3, 1.6, 200
-"""Target times of steps with tyres on firm and yielding soil divided by bare steps [-]; nodes per side of the grid."""
+"""Target times of physics steps with tyres on firm and on yielding soil, divided by bare steps [-], and number of nodes
+per side of the height grid."""
 START_UP = {"--version": 0.4, "--help": 0.4, "list": 0.4, "run circle --set duration_s=1": 1.5}
 """Targets of the wall time of short commands [s], by command line."""
 PARTS = {
@@ -58,7 +59,7 @@ PARTS = {
     "low-level loops": (Loop, "act"),
     "log": (Rows, "append"),
 }
-"""Class and name of the method that performs each timed part of a tick."""
+"""Class and name of the method that performs each timed part of a tick, by name of the part."""
 RECOMMENDED = {
     "guidance.kind": "lqr",
     "estimator.kind": "ekf_full",
@@ -67,7 +68,7 @@ RECOMMENDED = {
     "sensors.wheel_speed.enabled": True,
     "physics": "fast",
 }
-"""Overrides for the recommended stack: LQR, `ekf_full`, and large physics steps."""
+"""Scenario overrides for the recommended stack: LQR, `ekf_full`, and large physics steps."""
 INTERPRETED = {"guidance.kind": "pure_pursuit"}  # Overrides for a guidance law in Python
 UNDISTURBED = 10  # Percentile of the tick times that counts as undisturbed by other processes [%]
 HELD_STEPS, MOVING_S = 500, 12.0
@@ -117,7 +118,8 @@ class BareModel:
         return spent
 
     def undisturbed(self, steps: int, count: int = 2000) -> float:
-        """Return the tenth percentile of the processor time of `steps` physics steps [s], to exclude disturbances."""
+        """Return the processor time of `steps` physics steps [s], as tenth percentile of `count` measurements, to
+        exclude disturbances by other processes."""
         found = [self.seconds(steps) for _ in range(count)]
         return float(np.percentile(found, UNDISTURBED))
 
@@ -129,14 +131,15 @@ def steps_of(scenario: Scenario) -> int:
 
 
 def seconds_of(work: Callable[[], Any]) -> float:
-    """Call a function; return the processor time of the call, summed over threads [s]."""
+    """Call a function and return the processor time of the call, summed over all threads [s]."""
     began = time.process_time()
     work()
     return time.process_time() - began
 
 
 def in_turn(*works: Callable[[], Any]) -> tuple[float, ...]:
-    """Call functions alternately; return the median processor time of each function [s], without the first round."""
+    """Call functions alternately, and return the median processor time of each function [s]. The first round is
+    discarded."""
     rounds = [[seconds_of(work) for work in works] for _ in range(ROUNDS + 1)][1:]
     return tuple(median(column) for column in zip(*rounds, strict=True))
 
@@ -208,7 +211,8 @@ def run_costs(scenario: Scenario, repeats: int) -> str:
 
 
 def undisturbed_tick(scenario: Scenario) -> float:
-    """Return the tenth percentile of the processor time of a tick [s] over the episodes, without disturbed episodes."""
+    """Return the processor time of a tick [s], as tenth percentile over the episodes (groups of ticks) of a run, to
+    exclude disturbances by other processes."""
     simulation, found = Simulation(scenario), list[float]()
     simulation.reset()
     while not simulation.done:
@@ -220,7 +224,8 @@ def undisturbed_tick(scenario: Scenario) -> float:
 
 @contextmanager
 def stopwatches() -> Iterator[dict[str, float]]:
-    """Measure the parts of a tick inside the `with` block; yield the processor time of each part by name [s]."""
+    """Measure the parts of the ticks inside the `with` block. Yield a dictionary with the processor time of each part
+    [s]."""
     spent: dict[str, float] = defaultdict(float)
 
     def timed(part: str, function: Callable[..., Any]) -> Callable[..., Any]:
@@ -239,7 +244,8 @@ def stopwatches() -> Iterator[dict[str, float]]:
 
 
 def tick_parts(scenario: Scenario) -> str:
-    """Return a table of the processor time of each part of an undisturbed single tick, outside episodes."""
+    """Return a table of the processor time of each part of a tick, without disturbances. The ticks are simulated
+    singly, not in episodes."""
     simulation, ticks = Simulation(scenario), list[dict[str, float]]()
     simulation.reset()
     with stopwatches() as spent:
@@ -282,7 +288,8 @@ def drive_on(plant: MujocoPlant, ticks: int) -> None:
 
 
 def physics_costs(repeats: int) -> str:
-    """Return a table of the computing time with each tyre law and implement, relative to bare steps of the model."""
+    """Return a table of the computing time of physics steps with each tyre law and implement, divided by bare steps of
+    the same model."""
     tyres = [tyre() for tyre in every(Tyre) if not tyre().native]
     aims = {tyre.kind: AIM_TYRE if tyre.structure().bearing == FIRM else AIM_SINKING for tyre in tyres}
     found = {tyre.kind: physics_over_bare(tyre, NO_IMPLEMENT, repeats) for tyre in tyres}

@@ -7,7 +7,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 
 
 def page(name: str, docs: Path = DOCS) -> Path:
-    """Return the path of the page `name`.md in docs/ or in a subfolder."""
+    """Return the path of the page `name`.md, which is in the folder `docs` or in a subfolder."""
     (found,) = docs.rglob(f"{name}.md")
     return found
 

@@ -46,7 +46,8 @@ tell = partial(print, flush=True)
 
 
 def call(command: list[str | Path], folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run a command without the Python-specific environment variables of this process."""
+    """Run a command without the Python-specific environment variables of this process, and return the completed
+    process."""
     keep = {name: value for name, value in os.environ.items() if name in ("PATH", "HOME") or name.startswith(KEPT)}
     return subprocess.run(
         list(map(str, command)), cwd=folder, env={**keep, **environment}, capture_output=True, text=True, check=False
@@ -54,7 +55,7 @@ def call(command: list[str | Path], folder: Path, **environment: str) -> subproc
 
 
 def must(command: list[str | Path], folder: Path, **environment: str) -> str:
-    """Run a command; return its standard output. Raises RuntimeError with the output if the command fails."""
+    """Run a command and return its standard output. Raises RuntimeError with the output if the command fails."""
     done = call(command, folder, **environment)
     if done.returncode:
         raise RuntimeError(f"{' '.join(map(str, command))}: status {done.returncode}\n{done.stdout}{done.stderr}")
@@ -62,7 +63,7 @@ def must(command: list[str | Path], folder: Path, **environment: str) -> str:
 
 
 def environment(package: str | Path, python: str, folder: Path) -> Path:
-    """Install a package in a virtual environment, created if missing; return the folder of its executables."""
+    """Install a package in a virtual environment, which is created if missing. Return the folder of its executables."""
     if not (folder / "venv").exists():
         folder.mkdir(parents=True, exist_ok=True)
         must([UV, "venv", "--quiet", "--python", python, folder / "venv"], folder)
@@ -71,7 +72,7 @@ def environment(package: str | Path, python: str, folder: Path) -> Path:
 
 
 def works(programs: Path, folder: Path) -> None:
-    """Check commands that work without extras, and error messages about missing extras."""
+    """Check that commands work without extras, and that commands that need an extra name it in their error messages."""
     for arguments in COMMANDS:
         must([programs / "agrobot-mj", *arguments], folder)
     must_exist(folder, "run/signals.parquet", "compared/comparison.json")
@@ -115,7 +116,8 @@ def files(programs: Path) -> dict[str, bytes]:
 
 
 def table(wheel: Path, python: str, folder: Path) -> list[str]:
-    """Return lines with the size of each dependency and extra [MB], including requirements that are not yet counted."""
+    """Return lines of text with the size of each dependency and extra [MB]. A size includes the requirements that no
+    earlier line counts."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     rows, whole = dict[str, float](), 0.0
     for needed in (*project["dependencies"], str(wheel)):

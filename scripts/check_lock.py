@@ -1,4 +1,4 @@
-"""Check offline that pyproject.toml, uv.lock and the exported files agree; the exit status is 1 if they differ."""
+"""Check offline that pyproject.toml, uv.lock and the exported files agree. The exit status is 1 if they differ."""
 
 import re
 import sys
@@ -32,7 +32,8 @@ def locked(text: str) -> dict[tuple[str, str], set[str]]:
 
 
 def wanted(text: str, group: str) -> list[Requirement]:
-    """Return the requirements of a dependency group, and of the project with the extra `all` except for `docs`."""
+    """Return the requirements of a dependency group. Except for the group `docs`, the requirements of the project with
+    the extra `all` are included."""
     content = tomllib.loads(text)
     project = content["project"]
     extras = [extra for line in project["optional-dependencies"]["all"] for extra in sorted(Requirement(line).extras)]
@@ -64,7 +65,7 @@ def optional(text: str) -> set[str]:
 
 
 def faults(root: Path) -> list[str]:
-    """Return a line for each difference between uv.lock, the exported files and the declared dependencies."""
+    """Return a line of text for each difference between uv.lock, the exported files and the declared dependencies."""
     texts = {name: (root / name).read_text(encoding="utf-8") for name in (*EXPORTS, "uv.lock", "pyproject.toml")}
     pins = {name: exported(texts[name]) for name in EXPORTS}
     lock, extras = locked(texts["uv.lock"]), optional(texts["uv.lock"])

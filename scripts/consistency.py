@@ -24,7 +24,8 @@ Keys = dict[str, Any]
 
 
 class GroundCase(NamedTuple):
-    """Test case with a ground or a load; `overrides` is a function of the drive's seed and a folder for height maps."""
+    """Test case with a ground or a load. `overrides` is a function of the drive's seed and of a folder for height
+    maps."""
 
     name: str
     scenario: str
@@ -53,7 +54,7 @@ def contour(seed: int, folder: Path, half: float = HALF_WIDTH_M) -> Keys:
 
 
 def bowl(seed: int, folder: Path) -> Keys:
-    """Return overrides for a figure eight on a slope of 12 to 20 deg; on 25 deg the wheels would slide."""
+    """Return overrides for a figure eight on a slope of 12 to 20 deg. On 25 deg the wheels would slide."""
     grade = np.tan(np.radians(np.interp(_axis(), (-10.0, 10.0), (12.0, 20.0))))
     profile = np.concatenate([[0.0], np.cumsum((grade[1:] + grade[:-1]) / 2 * SPACING_M)])
     return {"terrain": _heights(np.repeat(profile[:, None], len(grade), 1), folder, "bowl.npy")}
@@ -82,13 +83,14 @@ CASES = (
 
 
 def drive(case: GroundCase, seed: int, folder: Path, duration: float = DURATION_S, **more: Any) -> RecordedDrive:
-    """Record a drive of a case; its height map remains in `folder` for the replays."""
+    """Record a drive of a test case. The height map of the case remains in `folder` for the replays."""
     law = {"guidance": {"kind": "lqr"}, "estimator": case.estimator}
     return record(case.scenario, {**law, **case.overrides(seed, folder), "seed": seed, **more}, duration)
 
 
 def losses(seed: int, seconds: float) -> tuple[Day, tuple[float, float]]:
-    """Return conditions with two GNSS outages of `seconds` [s], and the times at which the outages end [s]."""
+    """Return conditions as a function of time with two GNSS outages of `seconds` [s], and the times at which the
+    outages end [s]."""
     rng = np.random.default_rng((seed, round(seconds)))
     starts = [round(float(rng.uniform(*span)), 1) for span in LOSS_STARTS_S]
     one, other = (loss(start, seconds) for start in starts)

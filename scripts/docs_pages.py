@@ -19,11 +19,11 @@ BASES += ("paths.base", "sensors.base", "faults.base", "metrics.base", "plants.b
 """Modules with base classes for plugins, and with the messages that they exchange."""
 FRONT = ("scenario.loading.load_scenario", "simulation.run.run", "simulation.stepping.Simulation")
 FRONT += ("scenario.plugins.register", "simulation.log.Log", "scenario.schema.Scenario", "core.errors")
-"""Names in `agrobot_mj`, classes of their return values, and exceptions."""
+"""Main functions and classes on the page of the Python interface, as names relative to `agrobot_mj`."""
 
 
 def keys_page() -> str:
-    """Return the page with all keys of a scenario file; each table and kind has a section."""
+    """Return the page with all keys of a scenario file. Each table and each kind of a table has a section."""
     head = (
         "# Keys of a scenario\n\nThis page lists every key of a scenario file by table, as `agrobot-mj explain KEY` on "
         "the command line. [Models](reference/models.md) lists numbers, ranges and sources, "

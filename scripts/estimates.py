@@ -23,10 +23,10 @@ class Estimate(NamedTuple):
     low: float
     high: float
     n: int  # Number of seeds
-    failed: int = 0  # Number of other seeds, whose runs failed; the mean excludes them
+    failed: int = 0  # Number of seeds whose runs failed. The mean excludes these seeds.
 
     def text(self, digits: int = 2, sign: str = "") -> str:
-        """Return `mean (low to high)` with the number of failed seeds; a single seed has no interval."""
+        """Return the text `mean (low to high)` with the number of failed seeds. A single seed has no interval."""
         mean, low, high = (f"{value:{sign}.{digits}f}" for value in self[:3])
         return self._marked(f"{mean} ({low} to {high})" if self.n > 1 else mean)
 
@@ -58,7 +58,7 @@ def student_interval(values: Sequence[float], confidence: float = 0.95) -> tuple
 
 
 def bootstrap_interval(values: Sequence[float]) -> tuple[float, float]:
-    """Return the two-sided 95 % bootstrap interval of the mean; the resampling has a fixed seed."""
+    """Return the two-sided 95 % bootstrap interval of the mean of the values. The resampling has a fixed seed."""
     if len(values) < 2:
         return (float(values[0]),) * 2 if len(values) else (nan, nan)
     found = bootstrap((values,), np.mean, n_resamples=4000, method="percentile", rng=0).confidence_interval
@@ -68,7 +68,8 @@ def bootstrap_interval(values: Sequence[float]) -> tuple[float, float]:
 def estimate(
     values: Iterable[float], interval: Callable[[Sequence[float]], tuple[float, float]] = student_interval
 ) -> Estimate:
-    """Return the mean of finite values with an interval (default: Student's t). Other values count as failed runs."""
+    """Return the mean of the finite values with its interval (default: Student's t). Other values count as failed
+    runs."""
     every = list(values)
     found = [value for value in every if isfinite(value)]
     return Estimate(float(np.mean(found)) if found else nan, *interval(found), len(found), len(every) - len(found))
@@ -84,7 +85,7 @@ def field(name: str, factor: float = 1.0) -> Value:
 
 
 def by_seed(rows: Iterable[Row], value: Value) -> dict[int, float]:
-    """Return the value of each row by seed; failed runs (`metrics.success`) have the value NaN."""
+    """Return the value of each row by seed. Failed runs (`metrics.success`) have the value NaN."""
     return {row["seed"]: value(row) if has_errors(row) else nan for row in rows}
 
 

@@ -35,7 +35,7 @@ IMAGES = DOCS / "images" / "scenarios"
 CONTROLLERS = ("pd", "pd_t2fnn")
 MARGIN_M, PIXELS = 6.0, 260
 SIGNALS, BARS = ("x", "y", "x_ref", "y_ref", "implement_x", "implement_y"), 30
-"""Log columns for a map, and number of lines between the tracks of tractor and implement."""
+"""Log columns for a map, and number of lines that connect the tracks of tractor and implement."""
 GREEN, WET, SOFT = "#7E9A5B", "#5B8FB9", "#7A5230"
 SIZE_IN, DPI = (9.0, 3.1), 110
 INDEX_HEADS = ("name", "title", "ends", "lateral p95 [m]")
@@ -70,7 +70,8 @@ def picture(scenario: Scenario, logs: dict[str, Log], file: Path) -> None:
 
 
 def draw_map(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
-    """Draw a map of ground, path and tracks. Tracks of implements are dashed and connected to tractor tracks."""
+    """Draw a map of ground, path and tracks. Tracks of implements are dashed and connected to the tracks of their
+    tractors."""
     longest = max(logs.values(), key=lambda log: log.column("t")[-1])
     path = sample(scenario.path, longest.column("t"))
     signals = {

@@ -140,7 +140,8 @@ def _default(brackets: str, table: str, kind: str) -> Any:
 
 
 def _numbers(part: Spec, prefix: str, table: str, apart: set[str]) -> Iterator[Number]:
-    """Yield numeric keys with a source from a table and its nested tables without kinds or a separate page table."""
+    """Yield the numeric keys of a table whose default values have a source. Nested tables are included, except tables
+    with kinds and tables that have a separate table on the page."""
     place = TableClass((), type(part), part)
     for key in type(part).model_fields:
         value, doc = getattr(part, key), document(place, key)
@@ -169,7 +170,8 @@ TABLES = (
 
 
 def faults_table() -> str:
-    """Return a table of all faults: first line of the docstring, and keys."""
+    """Return a table of all faults. A row contains the kind, the first line of the docstring as effect, and the
+    keys."""
     rows = []
     for kind, part in members(Fault).items():
         place = TableClass((), part, part.model_construct(kind=kind))
@@ -197,7 +199,8 @@ def sweeps_table() -> str:
 
 
 def _varied(data: dict[str, Any]) -> Iterator[str]:
-    """Yield a text for the variants, for each axis and for the random keys of a sweep, with numbers of values."""
+    """Yield texts about the varied keys of a sweep: number of variants, each axis with its number of values, and random
+    keys."""
     if variants := data.get("variant"):
         yield f"{len(variants)} variant{'s' * (len(variants) > 1)}"
     for key, values in data.get("axes", {}).items():

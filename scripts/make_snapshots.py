@@ -76,7 +76,8 @@ def gallery(folder: Path) -> None:
 
 
 def publish(file: Path, name: str, t: float, tabs: Sequence[str] = ()) -> None:
-    """Render `tabs` (default: all tabs) of a recording at time `t` [s] to images with the file-name prefix `name`."""
+    """Render the `tabs` (default: all tabs) of a recording at the time `t` [s], and write images with the file-name
+    prefix `name`."""
     written = snapshots(file, [t], file.parent / name, tabs)
     for picture in written:
         tab = picture.stem.rpartition("_")[0]

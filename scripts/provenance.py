@@ -54,7 +54,8 @@ def code_of(commit: str) -> str:
 
 
 def checked(page: str) -> str:
-    """Return a page on which exactly the blocks measured with other code contain the sentence `LATER`."""
+    """Return the text of a page after adding the sentence `LATER` to blocks measured with other code, and removing the
+    sentence from all other blocks."""
     for name, text in statements(page).items():
         plain = text.replace(f" {LATER}", "")
         found = STATEMENT.match(plain)

@@ -71,7 +71,8 @@ def nominal(t: float) -> Conditions:
 def follow(
     drive: RecordedDrive, estimator: dict[str, Any], seed: int, day: Day = nominal, yaw_error: float = 0.0
 ) -> ErrorTrace:
-    """Replay a drive with the sensor seed `seed`; `yaw_error` is the error of the initial heading [rad]."""
+    """Replay a drive with the sensor seed `seed`, and return the errors of an estimator. `yaw_error` is the error of
+    the initial heading [rad]."""
     s = drive.scenario.changed({"estimator": estimator})
     first = drive.truths[0]
     sensing = s.sensors.init(seed)

@@ -44,7 +44,8 @@ class Study:
     """Study of a Makefile target: its pages, its runs, and the command-line options."""
 
     def __init__(self, verb: str, pages: Sequence[str], parts: Sequence[str], doc: str | None, arguments: list[str]):
-        """Create the study of the Makefile target `verb` for the named pages; `parts` are the names of its parts."""
+        """Create the study of the Makefile target `verb` for the named pages. `parts` contains the names of its parts,
+        and `doc` is the help text."""
         parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
         parser.add_argument("part", nargs="*", help=f"{', '.join(parts)}; default: all")
         parser.add_argument("--jobs", type=int, default=1, help="processes")

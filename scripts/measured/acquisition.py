@@ -16,7 +16,8 @@ HEADS = ("law", "speed [m/s]", "starts acquired", "overshoot [m]", "time, mean, 
 
 
 def acquisition(study: Study) -> Blocks:
-    """Return two tables of acquisition times: for starts parallel to the line or away from it, and towards the line."""
+    """Return two tables of acquisition times. The first is for starts parallel to the line or away from the line, the
+    second for starts towards the line."""
     rows = study.rows("acquisition")
     return {
         "acquisition": table([row for row in rows if row[HEADING] >= 0]),
@@ -34,7 +35,8 @@ def table(rows: Sequence[Row]) -> str:
 
 
 def line(law: str, speed: float, some: Sequence[Row], best: dict[tuple[float, ...], float]) -> tuple[str, ...]:
-    """Return the table row of a law at a speed; `best` contains the minimum time over all laws, by start."""
+    """Return the table row of a law at a speed. `best` contains the minimum acquisition time over all laws [s], by
+    start."""
     times = {begin: seconds for row in some for begin, seconds in acquired(row).items()}
     overshoots = [row["acquisition.overshoot_m"] for row in some if not row["error"] and has_room(row)]
     counts = f"{len(times)} of {len(some)}", f"{max(overshoots):.2f}" if overshoots else "-"
@@ -56,7 +58,8 @@ def has_room(row: Row) -> bool:
 
 
 def acquired(row: Row) -> dict[tuple[float, ...], float]:
-    """Return the acquisition time of a run [s] by start (speed, offset, heading), or an empty dict if not acquired."""
+    """Return the acquisition time of a run [s] by start (speed, offset, heading), or an empty dict if the line was not
+    acquired."""
     seconds = error_of(row, "acquisition.acquired_s")
     return {} if seconds is None else {tuple(row[key] for key in START): seconds}
 

@@ -43,7 +43,7 @@ def path_name(path: dict[str, Any]) -> str:
 
 PATHS = {"10 m, 1.2 m/s": ("paper", 0.0)}
 PATHS |= {(name := path_name(path)): ("paths", name) for path in shipped("claims_paths")["axes"]["path"]}
-"""Study and value `x` of each figure eight, by name; the first entry is the figure eight of the paper."""
+"""Study and value `x` of each figure eight, by name. The first entry is the figure eight of the paper."""
 
 
 def claim_rows(study: Study) -> list[Row]:
@@ -55,7 +55,8 @@ def claim_rows(study: Study) -> list[Row]:
 
 
 def claim_row(study: Study, name: str, row: Row) -> Row:
-    """Return a sweep row with its study, law and varied factor, and with the variation of q for type 2."""
+    """Return a sweep row with its study, law and varied factor, and for type 2 with the variation of the parameter
+    q."""
     found = {**row, "study": name, "law": row["variant"], **plant_and_x(name, row)}
     if row["variant"] == T2 and name in ("paper", "settling"):
         run = study.kept(STUDIES[name], row)
@@ -116,7 +117,8 @@ class Claims:
         return ratio(*(by_seed(runs, turn(name, number)) for number in (2, 1)))
 
     def soils(self, plant: str) -> list[float]:
-        """Return the soils, softest first: cone indices [kPa], or relative stiffnesses of the bicycle model [-]."""
+        """Return the soils in the study `soil`, softest first: cone indices [kPa], or relative stiffnesses of the
+        bicycle model [-]."""
         return sorted({row["x"] for row in select(self.rows, study="soil", plant=plant)})
 
     def softest(self, plant: str, law: str) -> Estimate:
@@ -197,7 +199,8 @@ def _settles(claims: Claims) -> Judged:
 
 
 def _type_2(claims: Claims) -> Judged:
-    """Evaluate the claim about type 2 at minimum and maximum noise; the null model is type 1 with a larger alpha."""
+    """Evaluate the claim that type 2 is better than type 1, at minimum and maximum noise. The null model is type 1 with
+    a larger learning rate alpha."""
 
     def over(other: str, law: str, plant: str, sigma: float) -> Estimate:
         return claims.over(other, plant, law, "noise", sigma)

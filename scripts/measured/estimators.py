@@ -76,7 +76,7 @@ def loop(study: Study) -> Blocks:
 
 
 def short(value: float) -> str:
-    """Return a number as text with three significant digits, or as an integer from 1000; NaN gives an empty text."""
+    """Return a number as text with three significant digits, or as an integer from 1000. NaN gives an empty text."""
     return "" if np.isnan(value) else f"{value:.3g}" if value < 1000 else f"{value:.0f}"
 
 
@@ -85,7 +85,8 @@ def setting(key: str, value: float) -> str:
 
 
 def loop_numbers(run: KeptRun) -> list[float]:
-    """Return the errors of a run after `BEGIN_S`, by table column; the error `coast` is NaN without an outage."""
+    """Return the errors of a run after `BEGIN_S`, in the order of the table columns. The error `coast` is NaN without
+    an outage."""
     c, counts = run.column, run.column("t") > BEGIN_S
     error = np.hypot(c("rear_x_hat") - c("rear_x"), c("rear_y_hat") - c("rear_y"))
     course = np.arctan2(np.gradient(c("rear_y")), np.gradient(c("rear_x")))
@@ -101,7 +102,8 @@ def loop_numbers(run: KeptRun) -> list[float]:
 
 
 def of_interest(case: str, keys: Row) -> bool:
-    """Return whether the table has a row for `keys`: tilt compensation on slopes, swing filter on rough ground."""
+    """Return whether the table shows the estimator settings `keys` in a case. Tilt compensation is shown only on
+    slopes, and the swing filter only on rough ground."""
     if "swing_filter_s" in keys:
         return "rough" in case
     return "slope" in case or ("terrain_compensation" not in keys and (len(keys) == 1 or "rough" not in case))
@@ -120,7 +122,7 @@ def recorded(study: Study) -> Blocks:
     def runs(
         kind: dict[str, Any], case: str = "level", until: float = DURATION_S
     ) -> Iterator[tuple[RecordedDrive, int]]:
-        """Yield recorded drives with sensor seeds; each drive ends at the time `until` [s]."""
+        """Yield recorded drives with sensor seeds. Each drive ends at the time `until` [s]."""
         for k in range(seeds if kind is FULL else min(SEEDS_OTHER, seeds)):
             one = drives(case)[k % len(drives(case))]
             yield one._replace(truths=one.truths[: round(until / TICK_S)]), 100 + k
@@ -166,7 +168,7 @@ def recorded(study: Study) -> Blocks:
 
 
 def mean(values: Sequence[float]) -> str:
-    """Return the mean of values and its bootstrap interval as text."""
+    """Return the mean of the values and its bootstrap interval as text."""
     return estimate(values, bootstrap_interval).text()
 
 
@@ -203,7 +205,8 @@ CELLS = [(k, machine, speed) for k in range(len(CASES)) for machine in MACHINES 
 
 
 def cell(job: tuple[int, str, float]) -> dict[str, str]:
-    """Return NEES of position and heading, and error / reported sigma after outages, with `physics = "fast"`."""
+    """Return one cell of each table as text: NEES of the position, NEES of the heading, and error and reported standard
+    deviation after outages [cm]."""
     index, machine, speed = job
     case = CASES[index]
     with TemporaryDirectory() as folder:

@@ -53,7 +53,7 @@ DRAWN: Keys = (("implement.kind", "drawn"),)
 IMPLEMENTS = {"1.8 m": (1.8, ()), "3 m mounted": (3.0, RAISED), "3 m drawn": (3.0, DRAWN)}
 """Working width [m] and overrides of each implement, by name."""
 PROBABILITY, CONFIDENCE = 0.95, 0.9  # Quantile of the distances, and confidence of all intervals [-]
-BEYOND_M = 20.0  # Distance that the plan may leave the swaths [m]
+BEYOND_M = 20.0  # Distance by which the planned path may extend beyond the swaths [m]
 
 
 SLOPE: Keys = (("terrain.kind", "slope"), ("terrain.grade_deg", 6.0))
@@ -74,7 +74,7 @@ OWN = {
         [(-110, -70), (90, -85), (110, 20), (60, 75), (-95, 70)], [[(-8, -6), (8, -6), (8, 6), (-8, 6)]]
     ),
 }
-"""Boundaries [m] of the other fields; their areas are 1.5 and 2.9 ha."""
+"""Boundaries [m] of the other fields, whose areas are 1.5 and 2.9 ha."""
 OVERLAPS_M = (0.0, 0.05, 0.1, 0.2, 0.3)
 """Planned overlaps [m]: working width minus distance between passes."""
 LEAST_PERCENT = 0.05  # Minimum decrease of the missed area for which a break-even ratio is stated [percentage points]
@@ -115,7 +115,8 @@ class Drive(NamedTuple):
 
 
 def driven(field: Field, drive: Drive, options: Options, keys: Keys) -> tuple[Log, FieldDrive]:
-    """Plan a field without the overrides `keys`, simulate the plan with them, and return the log and the evaluation."""
+    """Plan a field without the overrides `keys`, simulate the plan with these overrides, and return the log and its
+    evaluation."""
     known = dict(drive.keys)
     path = {"transition": "none" if options.turn == "omega" else "clothoid", "speed_m_s": 2.0}
     base = planning_scenario(field.name, path, known)
@@ -131,7 +132,7 @@ def driven(field: Field, drive: Drive, options: Options, keys: Keys) -> tuple[Lo
 
 
 def turned(drive: Drive) -> Row:
-    """Simulate turns between parallel swaths; return a row with the extent of the turns beyond the swaths."""
+    """Simulate turns between parallel swaths. Return a row with the extent of the turns beyond the swaths."""
     count, length = drive.size
     body = shapely.box(0, 0, length, count * drive.width)
     field, shape = Field("swaths", body), drive.place
@@ -196,7 +197,8 @@ def public_fields(folder: Path) -> dict[str, Path]:
 
 
 def worked(job: tuple[Drive, str, Keys]) -> Row:
-    """Simulate the work on a scaled field; return overlapped and missed area for each planned overlap [%].
+    """Simulate the work on a scaled field. Return a row with the overlapped and missed area for each planned overlap
+    [%].
 
     `job` contains the drive, the field file (may be empty), and overrides not used in the plan.
     """

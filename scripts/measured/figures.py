@@ -79,7 +79,7 @@ def panels(claims: Claims) -> dict[str, list[Panel]]:
 
 
 def write_claim_figures(rows: Sequence[Row], folder: Path) -> list[Path]:
-    """Draw all figures of the claims to files in `folder`; return the files."""
+    """Draw all figures of the claims, write the files to `folder`, and return their paths."""
     with mpl.rc_context(STYLE):
         return [save(drawn(row), folder / f"claims_{name}.png") for name, row in panels(Claims(rows)).items()]
 
@@ -129,5 +129,5 @@ def log_x(values: Sequence[float]) -> dict[str, Any]:
 
 
 def face(plant: str, colour: str) -> str:
-    """Return the fill colour of a marker; markers of the bicycle model are hollow."""
+    """Return the fill colour of a marker. Markers of the bicycle model are hollow."""
     return colour if plant == "mujoco" else "white"

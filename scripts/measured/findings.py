@@ -23,7 +23,8 @@ PRINTED = "as printed"  # Variant of the sweep `ablation` with which the other v
 
 
 def claims(study: Study) -> Blocks:
-    """Return the table of claims; draw the figures of the claims, and the lateral error of the first seed."""
+    """Return the table of the paper's claims, and draw the figures of the claims and of the lateral error with the
+    first seed."""
     rows = claim_rows(study)
     if not rows:
         return {}

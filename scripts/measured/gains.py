@@ -1,6 +1,7 @@
 """Search for the shipped gains with `scenarios/tunings/gains.toml`, for docs/tuning/ and guidance_tables.md.
 
-The results are copied manually to `control/gains.py` and to the defaults of the laws; a test compares them.
+The results are copied manually to `control/gains.py` and to the defaults of the laws. A test compares these copies with
+the results.
 """
 
 import json
@@ -19,7 +20,7 @@ FILE = read_tuning("gains")
 
 
 def searched(study: Study, name: str) -> Blocks:
-    """Search for the gains of the law `name` if the result is missing; return the table when all laws have results."""
+    """Search for the gains of the law `name` if the result is missing. Return the table when all laws have results."""
     files = _traces(study)
     if not (files[name].exists() or study.only_draw):
         scenario = load_scenario("figure_eight", {**FILE.set, **FILE.laws[name].set})
@@ -30,7 +31,8 @@ def searched(study: Study, name: str) -> Blocks:
 
 
 def again(study: Study) -> Blocks:
-    """Search again, from the default gains. Return the table when all laws have results."""
+    """Search again for the gains of all laws, starting from the default gains. Return the table when all laws have
+    results."""
     found = {law: study.runs / "gains_again" / law / "tuning.json" for law in FILE.laws}
     for law, file in found.items():
         if not (file.exists() or study.only_draw):

@@ -25,7 +25,7 @@ WHY: dict[str, str] = tomllib.loads(Path(__file__).with_suffix(".toml").read_tex
 
 
 def drive(pair: Pair) -> Row:
-    """Simulate a scenario on a machine; return a row with the outcome."""
+    """Simulate a scenario on a machine, and return a row with the outcome."""
     machine, name = pair
     physics = "standard" if name in STANDARD else "fast"
     try:

@@ -26,14 +26,15 @@ from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
 UNTIL = "xte_abs_p95 > 0.5 or outcome != completed"
 SEEDS = 3
-"""Maximum number of runs at an intermediate value of a search; ten runs are made at each of the two reported values."""
+"""Maximum number of runs at an intermediate value of a search. At least twelve runs are made at each of the two
+reported values."""
 COMMON = {"supervisor.enabled": False, "path.turns": 2, "duration_s": 75.0}
 FITTED = {
     "estimator.kind": "ekf_full",
     "estimator.terrain_compensation": True,
     **{f"sensors.{name}.enabled": True for name in ("gyro", "wheel_speed", "imu")},
 }
-"""Overrides that enable gyro, wheel speed, inertial unit, and a filter with these sensors."""
+"""Overrides that enable gyro, wheel-speed sensor, inertial unit, and a filter that uses these sensors."""
 PAPER = "the paper's stack"
 LAWS = variants("controllers")
 DRIVEN = (
@@ -77,7 +78,7 @@ def survival(study: Study) -> Blocks:
 
 
 def search(job: tuple[str, Hardship], seeds: int = SEEDS) -> Row:
-    """Search for the limit of a law under a condition; return a row with the result."""
+    """Search for the limit of a law under a condition, and return a row with the result."""
     law, hard = job
     scenario = load_scenario("figure_eight", {**COMMON, **hard.set, **SURVIVORS[law]})
     question = Question(hard.key, hard.start, hard.stop, UNTIL, seeds=seeds, tolerance=hard.tolerance)
@@ -141,7 +142,7 @@ def _cell(row: Row, hard: Hardship) -> str:
 
 
 def survival_figure(rows: Sequence[Row]) -> Figure:
-    """Draw a panel per condition with the limit of each law; grey bars are limits without the condition.
+    """Draw a panel per condition with the limit of each law. Grey bars are limits without the condition.
 
     An arrow marks a law without failure up to the end of the range, and a cross marks a law that fails at the start.
     """

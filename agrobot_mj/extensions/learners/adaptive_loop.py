@@ -71,7 +71,7 @@ class Stretch(NamedTuple):
 
     side: int = 0  # Side of the valve: 1 left, -1 right, 0 none
     beyond: bool = False  # Whether the spool was outside the estimated dead band
-    time: float = 0.0  # Duration of the time segment [s]
+    time: float = 0.0  # Duration of the time segment so far [s]
     volts: float = 0.0  # Time integral of the spool voltage towards the side [V s]
     turned: float = 0.0  # Change of the steering angle towards the side [rad]
 
@@ -133,7 +133,8 @@ class AdaptiveLoop(AngleLoop):
         return AdaptiveState(first, under_way=(0.0,) * round(self.delay_s / TICK_S))
 
     def update(self, state: AdaptiveState, wanted: float, steer: float, dt: float) -> tuple[AdaptiveState, float]:
-        """Learn from the last tick. Return the state and the voltage for correcting the predicted angle error [V]."""
+        """Learn from the last tick. Return the new state, and the valve voltage that corrects the predicted angle error
+        [V]."""
         state = self._learnt(state, steer, dt) if state.steer is not None else state
         error = wanted - steer - self._coming(state, dt)
         volts = 0.0
@@ -206,7 +207,7 @@ class AdaptiveLoop(AngleLoop):
         return Side(g, g * d, P), Side(g, g * d, P)
 
     def learned(self, state: AdaptiveState) -> Learned:
-        """Return the learned gain [rad/(s V)] and dead band [V] of both sides."""
+        """Return the learned gain [rad/(s V)] and dead band [V] of the valve for each side, by name of the quantity."""
         values = zip(_quantities(), self._valve(state), strict=True)
         return {name: np.array([[np.nan, value]]) for name, value in values}
 
@@ -216,7 +217,7 @@ class AdaptiveLoop(AngleLoop):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the learned valve map and the number of resets."""
+        """Log columns of the learned valve map, and of the number of its resets to the initial map."""
         about = (("rad/(s V)", "steering rate per volt beyond the dead band"), ("V", "dead band"))
         valve = [
             Column(f"{name}_{side}", unit, f"learned {text} of the valve, steering {side}")
@@ -226,7 +227,7 @@ class AdaptiveLoop(AngleLoop):
         return (*valve, Column("valve_resets", "-", "number of resets of the learned valve to the initial one"))
 
     def report(self, state: AdaptiveState) -> Sequence[float]:
-        """Return the column values for a state, in the order of `columns`."""
+        """Return the values of the log columns for a state, in the order of `columns`."""
         return (*self._valve(state), float(state.resets))
 
 

@@ -56,7 +56,7 @@ class Eso(Following):
     """Search range of `bandwidth_per_s` for tuning [1/s]."""
 
     def memory(self) -> EsoState:
-        """Return the initial state, with zero disturbances."""
+        """Return the initial state of the observer and of the inner law, with zero disturbances."""
         return EsoState(self.inner.memory())
 
     def rolling(self, situation: Situation) -> tuple[float, float]:
@@ -67,7 +67,8 @@ class Eso(Following):
     def steering(
         self, memory: EsoState, beside: PathDeviation, situation: Situation, dt: float
     ) -> tuple[EsoState, float]:
-        """Return the new state and the steering angle [rad]: inner law plus compensation of the disturbance."""
+        """Return the new state and the steering angle [rad]: the angle of the inner law plus the compensation of
+        disturbances."""
         memory = self.observed(memory, beside, situation, dt)
         against = -atan(self.rolling(situation)[1] * memory.curvature)
         course = beside._replace(heading=beside.heading + memory.crab, yaw=beside.yaw - memory.crab)
@@ -93,9 +94,9 @@ class Eso(Following):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of path-following laws, and columns of the estimated disturbances."""
+        """Log columns of all path-following laws, followed by the columns of the estimated disturbances."""
         return (*super().columns, *DISTURBANCE_COLUMNS)
 
     def report(self, state: FollowingState) -> Sequence[float]:
-        """Return the column values for a state, in the order of `columns`."""
+        """Return the values of the log columns for a state, in the order of `columns`."""
         return (*super().report(state), state.memory.crab, state.memory.curvature)

@@ -51,7 +51,7 @@ class Ilc(AngleLearner, PlaceLearner):
     inner: Annotated[LawInside, Field(discriminator="kind")] = Lqr()
     """Feedback law, selected by its own `kind`. A kinematic law uses the yaw controller of `[controller]`."""
     bound_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
-    """Maximum steering angle of the map [deg]. Assumed value (range 5-15): sufficient for a side slope of 20 deg."""
+    """Maximum magnitude of the map [deg]. Assumed value (range 5-15): sufficient for a side slope of 20 deg."""
     answer_s: Annotated[float, Field(ge=0, le=5)] = 0.4
     """Time until the wheels respond to the map [s]. Assumed value (range 0.3-0.6), like `preview_s` of other laws."""
     max_offset_m: Positive = 0.5
@@ -63,7 +63,7 @@ class Ilc(AngleLearner, PlaceLearner):
     quantity = "steer_learned"
 
     def init(self) -> IlcState:
-        """Return the initial state, with an empty map."""
+        """Return the initial state of the law. The map is initialized in the first tick."""
         return IlcState(self.inner.init())
 
     def update(self, state: IlcState, situation: Situation, dt: float) -> tuple[IlcState, Command]:
@@ -87,12 +87,13 @@ class Ilc(AngleLearner, PlaceLearner):
         return IlcState(inner, lap, place.s, state.length, command.steer, ahead, feedback, learning, settled), command
 
     def learned(self, state: IlcState) -> Learned:
-        """Return the map for the next lap: steering angles [rad] by arc length [m]."""
+        """Return the map of the steering angle for the next lap [rad], and the map and the error of the best lap, by
+        arc length [m]."""
         return self.map.learned(state.lap, state.length, radians(self.bound_deg), self.quantity)
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the inner law, the map angle, the learning flag and the lap comparison."""
+        """Log columns of the inner law, of the map angle, of the learning flag, and of the comparison between laps."""
         own = (
             *ANGLE_COLUMNS,
             Column("learning_lap", "-", "number of the lap, from 0"),
@@ -103,7 +104,7 @@ class Ilc(AngleLearner, PlaceLearner):
         return (*self.inner.columns, *own)
 
     def report(self, state: IlcState) -> Sequence[float]:
-        """Return the column values for a state, in the order of `columns`."""
+        """Return the values of the log columns for a state, in the order of `columns`."""
         lap = state.lap
         best = lap.best_rms if isfinite(lap.best_rms) else float("nan")
         judged = float(lap.lap), float(lap.returns), sqrt(lap.square), best

@@ -32,7 +32,7 @@ SPREAD_M = 1.0
 
 
 class Moved(NamedTuple):
-    """Route with a lateral shift from another route. The shift is given by a map along the path."""
+    """Route that is shifted laterally from another route by an offset that varies along the path."""
 
     route: Route
     map_: LapMap  # Map of the lateral offset of the line along the path
@@ -127,7 +127,8 @@ class ImplementIlc(PlaceLearner):
         return ImplementIlcState(self.inner.init())
 
     def update(self, state: ImplementIlcState, situation: Situation, dt: float) -> tuple[ImplementIlcState, Command]:
-        """Return the new state and the command of the inner law. The implement error updates the shift of the line."""
+        """Return the new state and the command of the inner law, which follows the shifted line. The offset of the
+        implement from the path updates the shift."""
         e, route, t = situation.estimate, situation.route, situation.t
         x, y, yaw = self._implement(state, situation, dt)
         near = route.nearest(x, y, route.passed(t), t).s if state.s is None else state.s
@@ -164,7 +165,8 @@ class ImplementIlc(PlaceLearner):
         return self.inner.feedback(state.inner, command)
 
     def learned(self, state: ImplementIlcState) -> Learned:
-        """Return the offset map for the next lap [m], and the learned values of the inner law."""
+        """Return the map of the line's lateral offset for the next lap [m], and the quantities learned by the inner
+        law."""
         return {
             **self.inner.learned(state.inner),
             **self.map.learned(state.lap, state.length, self.bound_m, self.quantity),
@@ -172,7 +174,7 @@ class ImplementIlc(PlaceLearner):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the inner law, the shifted line and the implement's offset from the path."""
+        """Log columns of the inner law, of the shifted line, and of the implement's offset from the path."""
         own = (
             Column(self.quantity, "m", "learned offset of the tractor's line from the path, left positive"),
             Column("implement_offset_hat", "m", "offset of the implement used for learning, left positive"),
@@ -182,6 +184,6 @@ class ImplementIlc(PlaceLearner):
         return (*self.inner.columns, *own)
 
     def report(self, state: ImplementIlcState) -> Sequence[float]:
-        """Return the column values for a state, in the order of `columns`."""
+        """Return the values of the log columns for a state, in the order of `columns`."""
         own = state.beside, state.offset, float(state.learning), float(state.lap.returns)
         return (*self.inner.report(state.inner), *own)

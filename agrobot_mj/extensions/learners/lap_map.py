@@ -26,14 +26,15 @@ from agrobot_mj.core.learned import Learned
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import Spec
 
-GRID_M = 0.25  # Distance between the locations of the map [m]. Assumed value: a fifth of the narrowest useful filter.
+GRID_M = 0.25  # Distance between locations of the map [m]. Assumed value: a fifth of the smallest useful filter width.
 WINDOW_M, FADE_M = 2.0, 2.0
 """Averaging distance of the error, and distance over which a new map replaces the old map [m]. Assumed values."""
 WORSE, MARGIN_M = 1.1, 0.005
 """Factor [-] and margin [m] on the RMS error of the best lap, above which the map of a lap counts as worse. Assumed
 values, above the noise. A wider margin would allow learning in ruts, whose effects do not repeat."""
 WORSE_HERE, MARGIN_HERE_M = 1.5, 0.06
-"""Factor [-] and margin [m] on the best lap's error, above which a map counts as worse during a lap. Assumed values."""
+"""Factor [-] and margin [m] on the error of the best lap, above which a map counts as worse during a lap. Assumed
+values."""
 GIVE_UP = 4
 """Number of returns to the best map after which learning ends. Assumed value: each return halves the learning gain."""
 COMPLETE = 0.9  # Minimum fraction of the locations that the tractor must pass in a lap for learning from this lap [-]
@@ -42,7 +43,7 @@ NOTHING = np.empty(0)
 
 
 class Cell(NamedTuple):
-    """Sums over the ticks of the current lap at one location."""
+    """Sums over the ticks of the current lap at one location of the map."""
 
     ticks: float = 0.0  # Number of ticks
     square: float = 0.0  # Sum of the squared errors [m2]
@@ -91,7 +92,7 @@ class LapMap(Spec):
     smoothing_m: Annotated[float, Field(ge=0.5, le=20)] = 2.0
     """Full width of the smoothing filter at half maximum [m]. Assumed value (range 1.5-4); at 1 m maps may diverge."""
     guard: bool = True
-    """Whether the map of the best lap is restored when the error increases."""
+    """Whether the map of the best lap is restored when the cross-track error increases."""
 
     def value(self, state: LapState, s: float, lap: float) -> float:
         """Return the value of the map [unit of the map] at arc length `s` on a path with laps of length `lap` [m]."""
@@ -160,8 +161,8 @@ class LapMap(Spec):
         return fresh._replace(map_=map_, before=state.map_, since=0.0)
 
     def _returned(self, state: LapState) -> LapState:
-        """Return the state with the map of the best lap or, if this map is already in use, with an empty map. The error
-        of the selected map is measured again."""
+        """Return the state with the map of the best lap or, if this map is already in use, with an empty map. The next
+        complete lap measures the error of the selected map."""
         learnt = not np.array_equal(state.map_, state.best)
         best = state.best if learnt else np.zeros_like(state.best)
         fading = state._replace(map_=best, before=state.map_, since=0.0, best=best, best_rms=inf, whole=False)

@@ -93,7 +93,7 @@ class PathNetwork(Spec):
         return self.curvature_sets, self.speed_sets, self.roll_sets
 
     def init(self) -> PathNetworkState:
-        """Return the state before learning, with zero consequents."""
+        """Return the state of the network before learning, with zero consequents and traces."""
         rules = int(np.prod(self.shape))
         return PathNetworkState(np.zeros(rules), np.zeros(rules))
 
@@ -187,7 +187,7 @@ class LearnedFeedforward(AngleLearner):
         return LearnedState(self.inner.init(), self.network.init())
 
     def update(self, state: LearnedState, situation: Situation, dt: float) -> tuple[LearnedState, Command]:
-        """Return the updated state and the command of the feedback law plus the learned angle."""
+        """Return the new state, and the command of the feedback law with the learned steering angle added."""
         w, map_ = self.network.firing(self.inputs(situation)), state.network
         ahead, answered = float(map_.f @ w), float(map_.f @ map_.trace)
         e, r = situation.estimate, situation.reference
@@ -206,13 +206,14 @@ class LearnedFeedforward(AngleLearner):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the inner law, the learned angle, the learning flag and the consequents of all fuzzy rules."""
+        """Log columns of the inner law, of the learned angle, of the learning flag, and of the consequents of all fuzzy
+        rules."""
         names = [_rule(i, self.network.shape) for i in range(len(self.network.init().f))]
         weights = [Column(f"map_{name}", "rad", f"consequent of rule {name}: curvature, speed, roll") for name in names]
         return (*self.inner.columns, *ANGLE_COLUMNS, *weights)
 
     def report(self, state: LearnedState) -> Sequence[float]:
-        """Return the column values for a state, in the order of `columns`."""
+        """Return the values of the log columns for a state, in the order of `columns`."""
         own = (state.feedforward, state.feedback, float(state.learning))
         return (*self.inner.report(state.inner), *own, *state.network.f.tolist())
 

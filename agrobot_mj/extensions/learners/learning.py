@@ -1,4 +1,4 @@
-"""Base classes of laws that consist of an inner law and a learned part.
+"""Base classes of guidance laws that consist of an inner law and a learned part.
 
 A tick is used for learning if the tractor moves near its path and its position is accurate. Learning of a steering
 angle is also suspended while the command is at its limit or the wheels lag far behind the command, because the feedback
@@ -22,7 +22,7 @@ from agrobot_mj.extensions.learners.lap_map import LapMap, LapState
 
 
 class LearningLaw(GuidanceLaw):
-    """Base class of laws that consist of an inner law and a learned part."""
+    """Base class of guidance laws that consist of an inner law and a learned part."""
 
     inner: GuidanceLaw
     """Wrapped guidance law."""
@@ -46,7 +46,8 @@ class LearningLaw(GuidanceLaw):
         return self.inner.follows_path
 
     def sound(self, e: Estimate, offset: float) -> bool:
-        """Return whether a tick is suitable for learning: motion near the path (`offset` [m]), accurate position."""
+        """Return whether a tick is suitable for learning: the tractor moves forward near the path, and its position is
+        accurate. `offset` is the lateral offset from the path [m]."""
         sigma = sqrt(max(e.covariance[0, 0], e.covariance[1, 1], 0.0))
         known = e.aligned and sigma <= self.max_sigma_m
         return known and abs(offset) <= self.max_offset_m and e.speed >= self.min_speed_m_s
@@ -64,7 +65,7 @@ def require_quantity(name: str, *quantities: str) -> None:
 
 
 class PlaceLearner(LearningLaw):
-    """Base class of laws that learn a quantity as a function of arc length."""
+    """Base class of guidance laws that learn a quantity as a function of the arc length along the path."""
 
     map: LapMap = LapMap()
     """Map of the learned quantity along the path, with its update rule."""
@@ -96,7 +97,8 @@ class Corrected(NamedTuple):
 
 
 class AngleLearner(LearningLaw):
-    """Base class of laws that learn a steering angle. State classes need the fields `inner`, `steer` and `feedback`."""
+    """Base class of guidance laws that learn a steering angle. Their state classes need the fields `inner`, `steer` and
+    `feedback`."""
 
     max_steer_lag_deg: Positive
     """Difference between measured and last commanded steering angle [deg] above which learning is suspended."""

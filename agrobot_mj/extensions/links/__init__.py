@@ -1,1 +1,1 @@
-"""Links to external programs that control the tractor, with one folder per group of programs."""
+"""Links through which external programs control the simulated tractor: AgOpenGPS programs, ROS 2 and Gymnasium."""

@@ -23,17 +23,18 @@ class BoardSettings(Spec):
     """Settings of a steer module at power-up, before the host sends settings. The defaults are common values."""
 
     kp: Byte = 40
-    """Proportional gain of the board's control law [PWM counts/deg]. The default is that of AgOpenGPS boards."""
+    """Proportional gain of the board's control law [PWM counts/deg]. AgOpenGPS boards use the same default."""
     high_pwm: Byte = 60
-    """PWM limit at steering errors of at least 3 deg [PWM counts]. The default is that of AgOpenGPS boards."""
+    """PWM limit at steering errors of at least 3 deg [PWM counts]. AgOpenGPS boards use the same default."""
     min_pwm: Byte = 9
-    """Minimum motor PWM, added to the proportional PWM [PWM counts]. The default is that of AgOpenGPS boards."""
+    """Minimum motor PWM, added to the proportional PWM [PWM counts]. AgOpenGPS boards use the same default."""
     counts_per_degree: Annotated[int, Field(ge=1, le=255)] = 30
-    """Scale of the angle sensor [counts/deg]. The default is that of AgOpenGPS boards."""
+    """Scale of the angle sensor [counts/deg]. AgOpenGPS boards use the same default."""
     offset: Annotated[int, Field(ge=-32768, le=32767)] = 0
-    """Offset [counts] added to the sensor counts (subtracted with `host = "agopenweb"`). Default as on these boards."""
+    """Offset added to the sensor counts, or subtracted with `host = "agopenweb"` [counts]. AgOpenGPS boards use the
+    same default."""
     ackermann_percent: Byte = 100
-    """Scale factor on steering angles to the left [%]. The default is that of AgOpenGPS boards."""
+    """Scale factor on steering angles to the left [%]. AgOpenGPS boards use the same default."""
 
 
 class Actuation(NamedTuple):
@@ -75,7 +76,7 @@ class AgOpenGps(GuidanceLaw):
     ms). Autosteer_UDP_v5: never.
     """
     released: Literal["hold", "centre"] = "hold"
-    """Output of a board that does not steer: valve in neutral, or wheels straight ahead."""
+    """Output of a board that does not steer: valve in neutral (`hold`), or wheels straight ahead (`centre`)."""
     give_up_s: Positive = 10.0
     """Time without messages after which the run ends [s]. Assumed value (range 3-60): enough for a restart of the
     host."""
@@ -106,7 +107,8 @@ class AgOpenGps(GuidanceLaw):
         return Actuation()
 
     def update(self, state: Actuation, situation: Situation, dt: float) -> tuple[Actuation, Command]:
-        """Return the command for the board's steering output in `state`, at the reference speed of the path."""
+        """Return the steering output of the board in `state` as a tractor command, with the reference speed of the
+        path."""
         r = situation.reference
         speed = to_heading(r.yaw, r.vx, r.vy)[0]
         released = not state.engaged and state.voltage is not None  # the steering loop holds the current angle
@@ -114,7 +116,7 @@ class AgOpenGps(GuidanceLaw):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the values reported by the host."""
+        """Log columns of the values reported by the host: engagement, steering setpoint and cross-track error."""
         return (
             Column("link_engaged", "-", "1 while the host steers, else 0"),
             Column("link_steer", "rad", "setpoint of the host, left positive; also valid while disengaged"),

@@ -57,7 +57,7 @@ class CmdVel(GuidanceLaw):
         return VelocityRequest()
 
     def update(self, state: VelocityRequest, situation: Situation, dt: float) -> tuple[VelocityRequest, Command]:
-        """Return the command for the velocity request in `state`. The tractor stops if the request has expired.
+        """Return the tractor command for the velocity request in `state`. The tractor stops if the request has expired.
 
         At standstill the pedal is in neutral, because the speed loop would overshoot and roll backwards.
         """
@@ -71,7 +71,7 @@ class CmdVel(GuidanceLaw):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the received velocity commands."""
+        """Log columns of the received velocity commands: speed, yaw rate, and time since the last command."""
         return (
             Column("cmd_speed", "m/s", "speed requested on /cmd_vel; null before the first request"),
             Column("cmd_yaw_rate", "rad/s", "yaw rate requested on /cmd_vel; null before the first request"),

@@ -1,4 +1,4 @@
-"""Common functions for runs with external programs, such as compilation before the start and calls of observers.
+"""Common functions for runs with external programs: compilation before the start, and calls of observers.
 
 Observers usually receive the run at its end, because recording a link cycle in real time takes longer than the cycle. A
 live observer receives the rows during the run.

@@ -40,7 +40,7 @@ SIGNALS: dict[str, Callable[[RunView], Array]] = {
     "yaw_rate_error_": lambda view: view.column("e_yaw_rate"),
     "hitch_angle_": lambda view: view.column("hitch_angle"),
 }
-"""Functions that return the signal of a metric, by the first part of the metric name."""
+"""Functions that return the signal from which a metric is computed, by the first part of the metric name."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Closeness:
 
     until: str  # Failure condition as text, see `Condition`
     signal: str | None = None
-    """Signal whose magnitude at each tick is the margin. Default: margin from the metrics in the condition."""
+    """Signal whose magnitude is the margin at each tick. Default: margin computed from the metrics in the condition."""
 
     def __call__(self, log: Log) -> Array:
         """Return the finite margin at each tick, shape (ticks,). Raises `ScenarioError` for an unknown signal."""
@@ -64,10 +64,11 @@ class Closeness:
 
 @dataclass(frozen=True)
 class Rises:
-    """Function that returns the ticks with a new maximum of the margin of a run, at which runs are split."""
+    """Function that returns the ticks of a run at which its margin to failure reaches a new maximum. The estimation of
+    a rare failure splits runs at these ticks."""
 
     closeness: Closeness
-    ahead_s: float = 0.0  # Time by which an increase of the margin is extrapolated [s]
+    ahead_s: float = 0.0  # Time over which an increase of the margin is extrapolated [s]
 
     def __call__(self, log: Log) -> dict[str, Any]:
         """Return `rises`, a list of (tick number, margin) for each new maximum, and `ticks`, the number of ticks."""
@@ -92,7 +93,8 @@ class _Ticks:
         self.completed = log.outcome == "completed"
 
     def close(self, node: ast.expr) -> Array:
-        """Return the margin of a syntax-tree node of the condition at each tick [-], positive if the node is true."""
+        """Return the margin of a node in the syntax tree of the condition at each tick [-], positive if the node is
+        true."""
         if isinstance(node, ast.BoolOp):
             parts = np.array([self.close(part) for part in node.values])
             return np.asarray(parts.min(axis=0) if isinstance(node.op, ast.And) else parts.max(axis=0))
@@ -118,8 +120,8 @@ class _Ticks:
         return np.abs(apart) if isinstance(op, ast.NotEq) else -np.abs(apart)
 
     def _side(self, term: ast.expr) -> tuple[Array, float]:
-        """Return one side of a comparison at each tick, shape (ticks,), and its magnitude if the side is a number, or 0
-        for a metric."""
+        """Return the value of one side of a comparison at each tick, shape (ticks,), and a scale for margins: the
+        magnitude of a number, or 0 for a metric."""
         name = name_of(term)
         if name is not None:
             return self._metric(name), 0.0
@@ -140,7 +142,8 @@ class _Ticks:
         return values
 
     def _end(self, outcome: str) -> Array:
-        """Return the margin to an outcome at each tick [-], from load transfer, roll, hitch angle or path offset."""
+        """Return the margin to an outcome such as `rolled_over` at each tick [-], from load transfer, roll, hitch angle
+        or path offset."""
         if outcome == "rolled_over":
             return self._tipped() - 1.0
         if outcome == "jackknifed" and "hitch_angle" in self.known:
@@ -163,7 +166,8 @@ def _magnitude(values: Array) -> Array:
 
 
 def _over(size: Array, name: str, planned: int) -> Array:
-    """Return the metric `name` at each tick for zero errors in the remaining ticks of the `planned` duration."""
+    """Return the value that the metric `name` would have if all errors after a tick were zero, for each tick. `size`
+    contains the error magnitudes, and `planned` is the planned number of ticks."""
     if "p95" in name:
         return _percentile(size, planned)
     if name.endswith(("_mse", "_rms")):
@@ -173,7 +177,8 @@ def _over(size: Array, name: str, planned: int) -> Array:
 
 
 def _percentile(size: Array, planned: int) -> Array:
-    """Return the 95th percentile at each tick for zero errors in the remaining ticks of the `planned` duration."""
+    """Return the 95th percentile that the errors `size` would have if all errors after a tick were zero, for each tick.
+    `planned` is the planned number of ticks."""
     largest, most, found = list[float](), planned - int(0.95 * (planned - 1)), np.zeros(len(size))
     for k, value in enumerate(size.tolist()):
         if len(largest) < most:

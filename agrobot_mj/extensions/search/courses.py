@@ -1,4 +1,4 @@
-"""Trajectories of an ordinary and a failed run for figures, and the recording of the failed run."""
+"""Trajectories of an ordinary and a failed run for the figures of a search, and the recording of the failed run."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -28,7 +28,8 @@ class MeasuredCourse:
     closeness: Closeness
 
     def __call__(self, log: Log) -> dict[str, Any]:
-        """Return the columns `course.*`: time [s], position [m] and margin [-] at each tick."""
+        """Return the columns `course.*` with one value per tick: time [s], position and reference position [m], and
+        margin [-]."""
         columns = {f"course.{name}": log.column(name).tolist() for name in COLUMNS}
         return {**columns, "course.close": self.closeness(log).tolist()}
 
@@ -63,7 +64,8 @@ class _Renamed(NamedTuple):
 
 
 def courses_figure(courses: Sequence[dict[str, Any]], labels: Sequence[str]) -> tuple[Figure, Axes, Axes]:
-    """Return a figure of an ordinary and a failed run, its panel for further curves, and its panel of the margins."""
+    """Draw the trajectories and margins of an ordinary and a failed run. Return the figure, its empty panel for further
+    curves, and its panel with the margins."""
     drawn = Figure((2 * PANEL_WIDTH_IN, 4.2), layout="constrained")
     panels = drawn.subplot_mosaic([["", "close"], ["above", "above"]], height_ratios=(3, 2))
     close, above = panels["close"], panels["above"]

@@ -15,7 +15,7 @@ from agrobot_mj.studies.results_io import code_of
 
 
 def limit_page(folder: Path) -> Document:
-    """Return the report page of a limit search."""
+    """Return the report page of the limit search whose results are in `folder`."""
     found = json.loads((folder / "limit.json").read_text("utf-8"))
     facts = [f"scenario {found['scenario']}", f"a run fails when {found['until']}", f"agrobot_mj {found['version']}"]
     facts.append(code_of([found], folder))

@@ -47,7 +47,7 @@ Limits = tuple[float, float]  # Minimum and maximum of a gain [unit of the gain]
 class Judgement(NamedTuple):
     """Cost and metrics of one run."""
 
-    cost: float  # Cost of the run [-], as in the objective
+    cost: float  # Cost of the run [-], of which the search minimizes the mean
     row: dict[str, Any]  # Metrics of the run, including whether it ended as expected (`metrics.success`)
 
 

@@ -99,7 +99,8 @@ def read_tuning(source: str | Path) -> TuningFile:
 
 
 def tuning_cases(scenario: Scenario, file: TuningFile, part: str, seeds: int) -> list[TuningCase]:
-    """Return the cases of the part "training" or "test" that the scenario's plant supports."""
+    """Return one `TuningCase` for each case, speed and seed in the part "training" or "test". Cases that the scenario's
+    plant does not support are omitted."""
     first = scenario.seed if part == "training" else FIRST_TEST_SEED
     return [
         TuningCase(case.name, case.measure, seed, changed.changed({"seed": seed}))

@@ -47,7 +47,8 @@ INVERT_SENSOR, INVERT_MOTOR = 0x01, 0x04  # Bits of `SteerConfig.set0`: inverted
 
 
 def counts_of(steer: float, per_degree: int, config: SteerConfig) -> float:
-    """Return the sensor counts at a steering angle [rad]. `per_degree` is the true scale of the sensor [counts/deg]."""
+    """Return the counts of the angle sensor at a steering angle [rad]. `per_degree` is the true sensor scale
+    [counts/deg]."""
     counts = -degrees(steer) * per_degree
     return -counts if config.set0 & INVERT_SENSOR else counts
 
@@ -71,7 +72,8 @@ def true_angle(believed: float, per_degree: int, settings: SteerSettings, config
 
 
 def pwm_of(error: float, settings: SteerSettings) -> int:
-    """Return the motor PWM for a steering error [rad], which is the setpoint minus the angle computed by the board."""
+    """Return the motor PWM, positive to the left, for a steering error [rad]: setpoint minus angle computed by the
+    board."""
     size = abs(degrees(error))
     drive = int(settings.kp * size)
     if drive == 0:
@@ -92,12 +94,12 @@ def voltage_of(pwm: int, config: SteerConfig) -> float:
 ENGAGED_BIT = {"agopengps": 0x01, "agopenweb": 0x04}
 """Bit of `SteerData.status` that the host sets while it steers, by dialect."""
 REPEAT_S = 0.001  # Maximum time between identical datagrams that are treated as duplicates [s]
-FALLBACK_S = 0.1  # Interval of the reports of the board while the host sends no messages [s]
+FALLBACK_S = 0.1  # Interval at which the board reports its state while the host sends no messages [s]
 LOOPBACK = (127, 0, 0, 1)
 
 
 class Tally(NamedTuple):
-    """Counters of messages and events of a board."""
+    """Counters of the messages that a board has received, and of its changes of state."""
 
     steer_data: int = 0
     hellos: int = 0  # Number of hello messages of the communication program
@@ -187,11 +189,12 @@ class Board(NamedTuple):
         return state, Actuation(True, clip(wanted, -self.limit, self.limit), None, wish, off)
 
     def refuses(self, state: BoardState) -> bool:
-        """Return whether the board is latched while the host is engaged."""
+        """Return whether the board does not steer because it is latched, although the host (guidance program) is
+        engaged."""
         return state.latched and not state.silent and state.asked is not None and self._wants(state.asked)
 
     def report(self, state: BoardState, t: float) -> tuple[BoardState, tuple[bytes, ...]]:
-        """Return the new board state and an encoded message with the steering state. `t` is the board time [s]."""
+        """Return the new board state and an encoded message with angle, switches and PWM. `t` is the board time [s]."""
         answer = SteerState(self._believed(state), switches=self._switches(t), pwm=abs(state.pwm))
         return state._replace(reported_at=t), (encode(answer),)
 

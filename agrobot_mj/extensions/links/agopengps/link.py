@@ -33,7 +33,7 @@ LEAST_PACE = 0.05  # Minimum pace, which is simulated time divided by wall-clock
 
 
 class LinkRun(NamedTuple):
-    """Finished run over a link, with its log and session."""
+    """Finished run that a host has steered over a link, with its log and session."""
 
     log: Log
     session: Session
@@ -62,7 +62,8 @@ def link(
 
 
 def check(scenario: Scenario, options: LinkOptions, should_stop: Callable[[], bool] = lambda: False) -> LinkCheck:
-    """Check the connection to a host in a run of `CHECK_S` seconds. Raises the same errors as `link`."""
+    """Run a scenario steered by a host for `CHECK_S` seconds, and return the results of the connection check. Raises
+    `ScenarioError` or `NoHostError`."""
     log = _connected(scenario.changed({"duration_s": CHECK_S}), options, (), should_stop).log
     block = log.metrics["link"]
     return LinkCheck(block, list(check_lines(scenario, log, block)))

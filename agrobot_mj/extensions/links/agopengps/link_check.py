@@ -14,14 +14,14 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 
 CHECK_S = 20.0  # Duration of a check [s]
-SURE_M = 0.3  # Maximum half width of the interval of an identified antenna position [m]. Assumed value.
-ANTENNA_ROWS = 10  # Minimum number of positions for an antenna position [-]
+SURE_M = 0.3  # Maximum half width of the 95 % interval of an identified antenna position [m]. Assumed value.
+ANTENNA_ROWS = 10  # Half of the minimum number of GNSS positions for estimating the antenna position [-]
 TURNING = 0.02
 """Minimum RMS yaw rate for estimating the wheelbase [rad/s]. Assumed value, as in bends of 75 m radius at 1.5 m/s."""
 
 
 def check_lines(scenario: Scenario, log: Log, block: dict[str, Any]) -> Iterator[str]:
-    """Yield the results of a connection check as text. `block` contains the metrics of the link."""
+    """Yield the results of a connection check as lines of text. `block` contains the metrics of the link."""
     answered, rate = block["answered_fraction"], block["steer_messages_hz"]
     if answered is not None and rate is not None:
         yield f"rate: {rate:.1f} steering messages per second; {answered:.0%} of the positions were answered"
@@ -34,7 +34,7 @@ def check_lines(scenario: Scenario, log: Log, block: dict[str, Any]) -> Iterator
 
 
 def _wheelbase(scenario: Scenario, log: Log) -> str:
-    """Return a text with the effective wheelbase, estimated from yaw rate, steering angle and speed."""
+    """Return a line of text with the effective wheelbase [m], estimated from yaw rate, steering angle and speed."""
     given, rate = scenario.tractor.wheelbase_m, log.column("yaw_rate")
     if (rms(rate) or 0.0) < TURNING:
         return f"wheelbase: {given:g} m; the tractor did not turn, so the yaw rate does not confirm it"
@@ -43,7 +43,8 @@ def _wheelbase(scenario: Scenario, log: Log) -> str:
 
 
 def _antenna(log: Log) -> str:
-    """Return a text with the antenna position, estimated from GNSS positions, speed and yaw rate."""
+    """Return a text with the antenna position ahead and to the left of the rear axle [m], estimated from GNSS
+    positions, speed and yaw rate."""
     fixed = np.isfinite(log.column("gnss_x"))
     t, u, rate = (log.column(name) for name in ("t", "speed", "yaw_rate"))
     yaw = log.column("yaw")[0] + cumulative_trapezoid(rate, t, initial=0)

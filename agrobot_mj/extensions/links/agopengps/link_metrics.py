@@ -14,7 +14,7 @@ from agrobot_mj.metrics.base import rms
 from agrobot_mj.metrics.crosstrack import cross_track as path_offset
 from agrobot_mj.simulation.log import Log
 
-POSITIONS = (b"$PANDA", b"$PAOGI")  # First bytes of the position messages to the host
+POSITIONS = (b"$PANDA", b"$PAOGI")  # First bytes of position messages sent to the host
 SETTLED_M = 0.1  # Distance from the line of the host below which the tractor has settled [m]
 LATE_S = 20.0  # Time from the first engagement to the start of the late part of a run [s]
 SHIFT_M = 0.1
@@ -77,7 +77,7 @@ def cross_track(log: Log) -> dict[str, float | None]:
 
 
 def health(block: dict[str, Any]) -> list[str]:
-    """Return one warning for each metric of a link outside its limits."""
+    """Return a warning text for each metric of the link that is outside its limits. `block` contains the metrics."""
     found = []
     asked = block.get("pace", 1.0)
     if (pace := block.get("real_time_factor", asked)) < LEAST_PACE * asked:
@@ -99,7 +99,7 @@ def health(block: dict[str, Any]) -> list[str]:
 
 
 def link_metrics(session: Session, log: Log) -> dict[str, Any]:
-    """Return the metrics block `link`. For a replayed session, wall-clock times are those of the recorded run."""
+    """Return the metrics block `link`. The wall-clock times of a replayed session come from the recorded run."""
     channel = session.channel
     record = channel.record if isinstance(channel, Replayed) else session.traffic.kept
     tally, spec = session.state.tally, session.spec

@@ -48,7 +48,8 @@ class Receiver(NamedTuple):
     spec: AgOpenGps
 
     def measure(self, state: ReceiverState, m: Measurement, truth: Truth, dt: float) -> ReceiverState:
-        """Return the state after the measurements of a tick of `dt` [s]. Gyro headings start at the true heading."""
+        """Return the state of the board after the measurements of a tick of `dt` [s]. The heading integrated from the
+        gyro starts at the true heading."""
         yaw = gyro_heading(state.yaw, m.gyro, truth.yaw, dt)
         heading = m.fix.heading if m.fix is not None and not isnan(m.fix.heading) else state.heading
         attitude = BoardAttitude(heading if self.spec.position == "paogi" else yaw, m.roll, m.pitch, m.gyro)
@@ -63,7 +64,8 @@ class Receiver(NamedTuple):
         return write(state.solution._replace(t=t), state.attitude)
 
     def nmea(self, state: ReceiverState, t: float) -> tuple[bytes, ...]:
-        """Return NMEA sentences GGA, RMC and VTG at time `t` [s], with an invalid fix unless the solution is new."""
+        """Return the NMEA sentences GGA, RMC and VTG at time `t` [s], marked as invalid unless the solution is new. The
+        result is empty before the first solution."""
         if state.solution is None:
             return ()
         s = state.solution._replace(t=t, quality=state.solution.quality if state.fresh else NO_FIX)

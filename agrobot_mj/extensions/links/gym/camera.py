@@ -57,7 +57,8 @@ class Camera:
             ) from None
 
     def picture(self, configuration: Array, path: Array) -> Picture:
-        """Return an image (height, width, 3) of the tractor and a path (n, 3) [m]. `configuration` is `qpos`."""
+        """Return an image (height, width, 3) of the tractor and a path (n, 3) [m]. `configuration` is the MuJoCo vector
+        `qpos`."""
         self.data.qpos[:] = configuration
         mujoco.mj_forward(self.model, self.data)
         self.renderer.update_scene(self.data, self.view)

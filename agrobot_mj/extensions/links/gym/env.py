@@ -234,7 +234,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
 
 
 class FollowPathVector(SyncVectorEnv):
-    """Vector environment with `num_envs` tractors. Other arguments are those of `FollowPath`."""
+    """Vector environment with `num_envs` tractors. All other arguments are passed to `FollowPath`."""
 
     def __init__(
         self, num_envs: int = 1, *, autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP, **keywords: Any
@@ -245,7 +245,8 @@ class FollowPathVector(SyncVectorEnv):
         return deepcopy(self)
 
     def reset(self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None) -> Any:
-        """Start new episodes. `seed` is the seed of the first tractor, or a list. For `options`, see `FollowPath`."""
+        """Start new episodes. `seed` is the seed of the first tractor, or a list with one seed per tractor. `options`
+        has the same form as in `FollowPath.reset`."""
         with held_back():
             return super().reset(seed=seed, options=options)
 

@@ -87,7 +87,7 @@ class Site(NamedTuple):
     """Variances of a horizontal position coordinate for the solutions RTK float and RTK fixed [m2]."""
     tilt_variance: float  # Variance of roll and pitch of the inertial unit [rad2]
     gyro_variance: float  # Variance of the gyro noise [rad2/s2]
-    gyro_walk: float  # Random walk of the gyro bias [rad2/s3]
+    gyro_walk: float  # Growth rate of the variance of the gyro bias, a random walk [rad2/s3]
 
 
 def site_of(scenario: Scenario) -> Site:
@@ -196,7 +196,8 @@ def estimated(s: TickSample, at: Content) -> Content:
 
 
 def true(s: TickSample, site: Site, at: Content) -> Content:
-    """Return `nav_msgs/Odometry` of the true motion of R in the map, with velocities ahead and to the left."""
+    """Return `nav_msgs/Odometry` of the true motion of the rear-axle point R in the map, with velocities ahead and to
+    the left."""
     up = s.z - site.cg_height
     pose = {"position": vector(s.rear_x, s.rear_y, up), "orientation": quaternion(s.roll, s.pitch, s.yaw)}
     left = s.lateral_speed - site.cg_to_rear_axle * s.yaw_rate
@@ -215,7 +216,7 @@ def fixed_frames(site: Site, at: Content) -> Content:
 
 
 def request(s: TickSample) -> Content:
-    """Return `geometry_msgs/Twist` with the received velocity command."""
+    """Return `geometry_msgs/Twist` with the velocity command received in a tick."""
     return {"linear": vector(s.cmd_speed, 0.0, 0.0), "angular": vector(0.0, 0.0, s.cmd_yaw_rate)}
 
 

@@ -94,7 +94,8 @@ class RosNode:
                 return
 
     def problem(self) -> str:
-        """Return the reason why no commands arrive, with a remedy, as in `problem_of`."""
+        """Return the reason why no commands arrive on /cmd_vel, with a remedy, or an empty string if the reason is
+        unknown."""
         found = self.node.get_publishers_info_by_topic(full_topic(self.namespace, "cmd_vel"))
         return problem_of([each.topic_type for each in found], self.stamped, self.refused)
 
@@ -114,7 +115,8 @@ def full_topic(namespace: str, name: str) -> str:
 
 
 def problem_of(types: Sequence[str], stamped: bool, refused: int) -> str:
-    """Return the reason why no commands arrive on /cmd_vel, with a remedy, or an empty string if it is unknown."""
+    """Return the reason why no commands arrive on /cmd_vel, with a remedy, or an empty string if the reason is unknown.
+    `types` contains the message types of the publishers, and `refused` the number of ignored commands."""
     sent = sorted({kind.replace("/msg/", "/") for kind in types})
     if sent and TWISTS[stamped] not in sent:
         fix = f"{'omit' if stamped else 'add'} --stamped" if TWISTS[not stamped] in sent else "change the publisher"

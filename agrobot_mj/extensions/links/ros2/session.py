@@ -50,7 +50,7 @@ SENSORS = {"sensors.imu.enabled": True, "sensors.gyro.enabled": True}
 
 
 class NoProgramError(NotBegunError):
-    """Exception for a program that sends no command on /cmd_vel in time."""
+    """Exception for an external program that does not send a command on /cmd_vel within the waiting time."""
 
 
 class Port(Protocol):

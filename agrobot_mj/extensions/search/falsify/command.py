@@ -69,7 +69,8 @@ def content(scenario: Scenario, q: FalsifyQuestion, found: Falsified) -> dict[st
 
 
 def figure(q: FalsifyQuestion, found: Falsified, driven: list[dict[str, Any]]) -> Figure:
-    """Return a figure of all evaluated combinations versus two keys, and of the trajectories of two combinations."""
+    """Return a figure of all evaluated combinations, drawn versus the two keys that change most in the result, and of
+    the trajectories at the mild values and at the result."""
     drawn, beside, _ = courses_figure(driven, ("all mild", _name(found)))
     _draw_tried(beside, q, found)
     return drawn

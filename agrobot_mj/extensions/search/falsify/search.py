@@ -36,12 +36,12 @@ class Varied(NamedTuple):
     high: float = 1.0  # Maximum distance from `start` [-]
 
     def at(self, distance: float) -> float:
-        """Return the value of the key at a normalised distance from `start` [-]."""
+        """Return the value of the key at a distance from `start`, given in multiples of `unit` [-]."""
         return self.start + self.unit * distance
 
     @property
     def hardest(self) -> float:
-        """Normalised distance from `start` to the hard end of the range [-]."""
+        """Distance from `start` to the hard end of the range, in multiples of `unit` [-]."""
         return max(self.low, self.high, key=abs)
 
     @classmethod
@@ -107,12 +107,12 @@ class Combination(NamedTuple):
 
     @property
     def shown(self) -> str:
-        """Key values as text, in the form of overrides."""
+        """Values of the varied keys as text, for example `path.speed_m_s=2.1`."""
         return ", ".join(f"{key}={value:g}" for key, value in self.values.items())
 
     @property
     def share(self) -> str:
-        """Number of failed runs and number of all runs, as text."""
+        """Number of failed runs and number of all runs as text, for example `2 of 3`."""
         return f"{self.failed} of {self.runs}"
 
 
@@ -134,7 +134,7 @@ class Falsified(NamedTuple):
 HALVINGS = 6  # Number of bisection steps; the final resolution is 1/64 of the distance
 CONFIRMED = 10  # Number of runs of the result, of combinations on the line to the result, and of its neighbours
 MOST_CONFIRMED = 10  # Maximum number of failing combinations, from mild to hard, that are repeated with more seeds
-NEAR = 0.1  # Step to a neighbour of the result, as a fraction of its distance or of the unit of a key [-]
+NEAR = 0.1  # Step from the result to a neighbour, divided by the distance of the result or by the unit of a key [-]
 Place = tuple[float, ...]
 
 
@@ -223,7 +223,8 @@ class FalsifySearch:
         )
 
     def _confirmed(self, failing: Sequence[Combination]) -> Combination:
-        """Return the smallest combination that also fails with more seeds, or, if none fails, the last tested one."""
+        """Return the smallest combination that also fails with more seeds, or the last tested combination if none
+        fails."""
         for tried in [*failing[:: max(len(failing) // MOST_CONFIRMED, 1)], failing[-1]]:
             (sure,) = self.drive([tried.distances], CONFIRMED, noted=False)
             if sure.fails:
@@ -259,7 +260,7 @@ class FalsifySearch:
 
 
 def statement(q: FalsifyQuestion, name: str, found: Falsified) -> str:
-    """Return the result of a falsification as sentences."""
+    """Return sentences with the result of a falsification of the scenario `name`."""
     best = found.mildest
     if found.verdict == "fails_at_start":
         return f"{name} fails at the mild ends of all ranges ({best.shown}: {best.share} runs fail); use milder values"

@@ -1,4 +1,5 @@
-"""Importance of the random parameters of a sweep as table, text and figure: fractions of the variance in each group."""
+"""Importance of the random parameters of a sweep as table, text and figure. The importance is a fraction of the
+variance of a metric, computed for each group of runs with the same variant and axis values."""
 
 import tomllib
 from collections.abc import Sequence
@@ -33,7 +34,7 @@ def importance_table(found: Sequence[Influence]) -> str:
 
 
 def importance_rows(found: Sequence[Influence]) -> tuple[list[str], list[list[str]]]:
-    """Return the header and the rows of the table from `importance_table`."""
+    """Return the header and the rows of a table with rank, variance fraction and effect of each random parameter."""
     screening = found[0].unexplained is not None
     columns = ["rank", "fraction of the variance", *(["slope", "Spearman"] if screening else ["first order"])]
     names = [f"{each.group}: {name}" if len(found) > 1 else name for each in found for name in columns]
@@ -57,7 +58,7 @@ def importance_text(found: Sequence[Influence], metric: str) -> str:
 
 
 def influence_text(each: Influence, metric: str, group: str) -> str:
-    """Return sentences about the importance of the parameters in one group. The text begins with `group`."""
+    """Return sentences about the importance of the parameters in one group of runs. The text begins with `group`."""
     noise = (
         "one seed does not identify the variation between seeds"
         if each.noise is None

@@ -89,7 +89,8 @@ class Regression(NamedTuple):
 
 
 def screened(keys: Sequence[str], draws: Array, values: Array, noise: float) -> tuple[list[Share], float]:
-    """Return variance fractions by regression, and the maximum fraction due neither to regression nor to seeds."""
+    """Return the variance fractions of the parameters `keys` by regression, and the maximum fraction that is due
+    neither to the regression nor to seeds."""
     n, d = draws.shape
     ranks = rankdata(draws, axis=0)
     found = regression(_standard(ranks), _standard(values))
@@ -136,7 +137,8 @@ FEWEST = 64  # Minimum number of samples for reliable intervals. With 16 samples
 
 
 def sobol_shares(keys: Sequence[str], values: Array, noise: float) -> list[Share]:
-    """Return the Sobol indices of values (n (d + 2),) in design order. Raises `ScenarioError` without SALib.
+    """Return the Sobol indices of the parameters `keys` from metric values (n (d + 2),) in design order. Raises
+    `ScenarioError` if SALib is not installed.
 
     `noise` is the fraction of the variance of `values` that is due to seeds. Each total index includes this fraction.
     The fraction is subtracted from the estimate and from the lower bound. The upper bound includes the fraction,

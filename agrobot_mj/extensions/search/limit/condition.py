@@ -56,7 +56,7 @@ class Condition:
 
     @property
     def names_error(self) -> bool:
-        """Whether the condition contains a tracking error."""
+        """Whether the condition contains a metric of the tracking error."""
         return any(is_error(name) for name in self._names)
 
     @property
@@ -147,7 +147,8 @@ def _present(numbers: Numbers, name: str) -> Any:
 
 
 def name_of(term: ast.expr) -> str | None:
-    """Return the name in a term, with dots for nested metrics, or None for a term that is not a name."""
+    """Return the metric name in a term of a condition, with dots for nested metrics, or None for a term that is not a
+    name."""
     if isinstance(term, ast.Name):
         return term.id
     if isinstance(term, ast.Attribute):

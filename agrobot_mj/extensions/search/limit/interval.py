@@ -47,7 +47,8 @@ def _evidence(successes: int, failures: int, rate: float) -> float:
 
 
 def runs_needed(reliability: float, confidence: float) -> int:
-    """Return the number of runs, all successful, that a sequential interval above `reliability` requires."""
+    """Return the minimum number of runs, all successful, for which the sequential interval of the success rate is above
+    `reliability`."""
     bound, most = log(2.0 / (1.0 - confidence)), 1
     while _evidence(most, 0, reliability) < bound:
         most *= 2

@@ -64,17 +64,17 @@ class Tried(NamedTuple):
 
     @property
     def written(self) -> dict[str, Any]:
-        """Results as a dictionary for JSON files."""
+        """Fields of the results as a dictionary for JSON files."""
         return {**self._asdict(), "medians": dict(self.medians)}
 
     @property
     def ends(self) -> str:
-        """Number of runs with each outcome, as text."""
+        """Number of runs with each outcome as text, for example `3 completed, 1 stuck`."""
         return ", ".join(f"{count} {outcome}" for outcome, count in self.outcomes.items())
 
 
 class Counterpart(NamedTuple):
-    """Result for the baseline, a scenario without the fault or disturbance."""
+    """Result of a limit search for the baseline, a scenario without the fault or disturbance."""
 
     overrides: dict[str, Any]
     verdict: str  # Verdict as in `Found`. If the baseline lacks the key or sets it, the verdict is `fixed`.
@@ -211,7 +211,8 @@ def _interval(tried: tuple[Tried, ...], first_bad: int) -> tuple[float, float]:
 
 
 def _coverage(tried: Sequence[Tried]) -> list[str]:
-    """Return sentences on the evaluated values and the maximum width of an undetected interval with another result."""
+    """Return a sentence with the evaluated values of the key, and the maximum width of an interval between them in
+    which another result would not be detected."""
     held, failed = (", ".join(f"{t.value:g}" for t in tried if t.holds is holds) for holds in (True, False))
     seen = [*([f"Succeeded at {held}"] if held else []), *([f"failed at {failed}"] if failed else [])]
     gaps = [abs(b.value - a.value) for a, b in pairwise(tried) if a.holds == b.holds]

@@ -71,7 +71,7 @@ def risk(
 
 
 def answer(scenario: Scenario, q: RiskQuestion, done: Sequence[Population]) -> Risk:
-    """Return the risk estimate from completed splitting runs."""
+    """Return the failure probability and its explanation from completed executions of the splitting algorithm."""
     splits = tuple(each.split for each in done if each.split)
     found, runs, worth = estimate(splits, q.particles), [run for each in done for run in each.runs], worth_of(done)
     driven = f"{len(runs):,} runs with the duration of {worth:,.0f} complete ones"
@@ -137,13 +137,15 @@ def figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: st
 
 
 def _mean(splits: Sequence[Split]) -> tuple[Array, Array]:
-    """Return the levels exceeded in at least one splitting run, and the mean probability of exceeding each level."""
+    """Return the levels that runs have exceeded, and the probability of exceeding each level, as mean of all
+    executions."""
     levels = np.unique([level for split in splits for level, _ in split.trace])
     mean = np.mean([_chances(split, levels) for split in splits], axis=0)
     return levels[mean > 0], mean[mean > 0]
 
 
 def _chances(split: Split, levels: Array) -> Array:
-    """Return the probability of exceeding each margin level, estimated by one splitting run."""
+    """Return the probability of exceeding each level of the margin, estimated by one execution of the splitting
+    algorithm."""
     own, weights = np.array([(-np.inf, 1.0), *split.trace]).T
     return np.asarray(weights[np.searchsorted(own, levels, side="right") - 1])

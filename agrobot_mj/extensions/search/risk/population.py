@@ -1,4 +1,5 @@
-"""Runs for multilevel splitting, identified by seed and branches and simulated by the engine of all studies."""
+"""Runs for multilevel splitting. A run is identified by its seed and its branches, which are changes of the noise at
+given ticks."""
 
 from collections.abc import Callable, Generator, Sequence
 from math import inf
@@ -45,7 +46,8 @@ class Run(NamedTuple):
 
 
 class Population:
-    """Simulated runs of one splitting run. Their random numbers depend on the scenario seed and on `number`."""
+    """One execution of the splitting algorithm with its simulated runs. The random numbers depend on the scenario seed
+    and on the `number` of the execution."""
 
     def __init__(self, scenario: Scenario, q: RiskQuestion, number: int) -> None:
         self.number, self.runs = number, list[Run]()
@@ -84,7 +86,8 @@ class Population:
 def populations(
     scenario: Scenario, q: RiskQuestion, condition: Condition, do: RunTasks, done: Callable[[Population], object]
 ) -> list[Population]:
-    """Return all splitting runs after their end. They advance together, so that many runs can be simulated in parallel.
+    """Execute the splitting algorithm `q.repeats` times and return all executions. The executions advance together, so
+    that many runs can be simulated in parallel.
 
     Raises `ScenarioError` if every initial run raises an error, which is not a failure of the tractor.
     """

@@ -35,7 +35,7 @@ Wanted = tuple[P | None, float]
 
 
 class Split(NamedTuple):
-    """Result of one splitting run, that is one estimate of the failure probability."""
+    """Result of one execution of the splitting algorithm, which is one estimate of the failure probability."""
 
     probability: float  # Unbiased estimate of the probability of failure [-]
     weight: float  # Product of the surviving fractions of all rounds [-]
@@ -107,8 +107,8 @@ class RiskEstimate(NamedTuple):
 def estimate(splits: Sequence[Split], particles: int) -> RiskEstimate:
     """Return the mean of independent splitting runs with its interval.
 
-    If no splitting was necessary, the interval is a Wilson interval. Without failures, the upper end is that of the
-    Wilson interval for the runs of the last rounds, multiplied by the weight of these runs.
+    If no splitting was necessary, the interval is a Wilson interval. Without failures, the upper end is the upper end
+    of a Wilson interval for the runs of the last rounds, multiplied by the weight of these runs.
     """
     n, found = len(splits), mean_of([split.probability for split in splits])
     if not any(split.trace for split in splits):
