@@ -51,7 +51,8 @@ def opened(log: dict[str, Any], folder: Path) -> tuple[list[Source], LogMap, Sce
 
 
 def cells(log: dict[str, Any], folder: Path) -> tuple[str, ...]:
-    """Return the table cells of a log, without release and name. The last cell states why a log is unusable."""
+    """Return the table cells of a log, without release and name. For an unusable log, the last cell states the
+    reason."""
     try:
         found = twin(*opened(log, folder), log.get("share", SHARE))
     except ScenarioError as error:
@@ -70,7 +71,7 @@ def cells(log: dict[str, Any], folder: Path) -> tuple[str, ...]:
 
 
 def by_file(log: dict[str, Any], folder: Path) -> str:
-    """Return a table of the calibrations of each file, and of the largest difference between two files.
+    """Return a table with the calibration of each file, and with the largest difference between two files.
 
     Quantities that a file does not identify are in parentheses.
     """
@@ -101,12 +102,12 @@ def _scaled(value: float | None, factor: float, digits: int = 1) -> str:
 
 
 def rows_of(text: str) -> list[tuple[str, ...]]:
-    """Return the rows of a table written by this script."""
+    """Return the rows of a Markdown table that this script has written."""
     return [tuple(map(str.strip, line.strip("|").split(" | "))) for line in text.splitlines()[2:] if line]
 
 
 def main(arguments: list[str]) -> int:
-    """Add the missing rows to the table of a TOML file; return the exit status."""
+    """Add the missing rows to the table of a TOML file, and return the exit status."""
     *options, file = arguments or [""]
     if options not in ([], ["--files"]) or not Path(file).is_file():
         print("usage: python examples/log_table.py [--files] LOGS.toml", file=sys.stderr)

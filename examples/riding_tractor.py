@@ -52,8 +52,8 @@ class Board(NamedTuple):
         return self.centre + angle * (self.left if angle > 0 else self.right)
 
     def bias(self, straight: float) -> float:
-        """Return the commanded angle [rad], right positive, with straight wheels, for a true centre `straight`
-        [counts]."""
+        """Return the commanded angle [rad], right positive, at which the wheels are straight, for a true centre
+        `straight` [counts]."""
         return (self.centre - straight) / (self.right if straight < self.centre else self.left)
 
     def drive(self, error: float) -> float:
@@ -64,7 +64,7 @@ class Board(NamedTuple):
         return size if error > 0 else -size
 
     def voltage(self, error: float) -> float:
-        """Return the valve voltage that represents the motor drive [V]; 12 V is maximum drive to the left."""
+        """Return the valve voltage that represents the motor drive [V]. 12 V is the maximum drive to the left."""
         return NEUTRAL_V * (1.0 + self.drive(error) / MOST)
 
 
@@ -110,7 +110,7 @@ CELL = (1e-5 / 60 * 111.32e3 * cos(radians(40.4856)), 1e-5 / 60 * 111.04e3)
 POSITION_TICKS, HEADING_TICKS = 2, 4
 """Periods of the position and heading measurements [ticks]: 10 Hz and 5 Hz, as in the logs."""
 LENGTH_M = 26.0
-"""Length of a simulated pass [m]; the longest recorded pass is 25.5 m."""
+"""Length of a simulated pass [m]. The longest recorded pass has 25.5 m."""
 ROUGH_HALF_M, ROUGH_NODE_M = 32.0, 0.05
 """Half side length and node spacing of the rough ground [m]."""
 
@@ -139,7 +139,7 @@ class Pass(NamedTuple):
 
 
 def rough_ground(folder: Path, seed: int) -> Path:
-    """Return the file of a square height map with roughness class C; create the file if it does not exist."""
+    """Return the file of a square height map with roughness class C. The file is created if it does not exist."""
     file = folder / f"rough-{seed}.npy"
     if not file.exists():
         axis = np.arange(-ROUGH_HALF_M, ROUGH_HALF_M + ROUGH_NODE_M / 2, ROUGH_NODE_M)
@@ -216,7 +216,8 @@ class Driven(NamedTuple):
 def _pose(
     last: tuple[float, float, float], measured: Measurement, tick: int
 ) -> tuple[tuple[float, float, float], bool]:
-    """Return the last measured pose, and whether the fix is RTK and the heading is valid."""
+    """Return the last measured pose (east and north [m], heading [rad]), and whether the fix is RTK and the heading is
+    valid."""
     fix, (x, y, yaw) = measured.fix, last
     if fix is None:
         return last, False
@@ -231,7 +232,8 @@ STRAIGHT, SCALE, HEADING_DEG = 432.834, 0.154, 1.294
 """Potentiometer value for wheels straight ahead [counts], steering angle per count [deg], and heading error, left
 positive [deg]. Source: calibration with the runs 1W and 1E."""
 MOTOR_FROM, MOTOR_RATE = 70.4, 0.59
-"""Calibrated minimum drive that moves the motor [counts of 255], and steering rate per drive above it [deg/s]."""
+"""Calibrated minimum drive that moves the motor [counts of 255], and steering rate per count of drive above this
+minimum [deg/s]."""
 SLOW, FAST, RECORDED_CM = 0.5, 0.85, 2.4
 """Speeds of the missions [m/s], and mean offset of the recorded slow passes [cm], to which the roughness is fitted."""
 RECORDED = (
@@ -251,7 +253,8 @@ RECEIVERS = {
     "sensors.steering_pot.savgol_window": 1,
     "sensors.steering_pot.savgol_polyorder": 0,
 }
-"""Sensor overrides: noise of fixes at rest, heading latency from the calibration, and unfiltered steering sensor."""
+"""Scenario overrides of the sensors: noise of fixes at rest, receiver latency from the calibration, and unfiltered
+steering sensor."""
 LAG_S = 0.03
 """Time constant of the steering motor [s]. Assumed value: in the log the rate settles within two rows of 0.05 s."""
 
@@ -272,7 +275,7 @@ def twin() -> Scenario:
 
 
 def passes(loop: Loop, speed: float, ground: Path, roughness: float) -> list[Pass]:
-    """Simulate one pass per seed on ground of a given roughness [m3]; `ground` is the folder for height maps."""
+    """Simulate one pass per seed on ground of a given roughness [m3]. `ground` is the folder for height maps."""
     return [loop.run(speed, seed, terrain(ground, seed, roughness)).middle for seed in SEEDS]
 
 

@@ -48,7 +48,7 @@ def environment(plant, duration_s, speed):
 
 
 def episode(job):
-    """Simulate one episode; return the sum of rewards, the last `info`, and the processor time [s]."""
+    """Simulate one episode. Return the sum of rewards, the last `info`, and the processor time [s]."""
     theta, plant, duration_s, seed, options = job
     began = time.process_time()
     steering, driving = theta[: len(FEATURES)], theta[len(FEATURES) :]
@@ -66,7 +66,7 @@ def episode(job):
 
 
 def train(pool, plant, speed, generations, population, duration_s, seed):
-    """Train a policy; yield the mean weights after each generation."""
+    """Train a policy, and yield the mean weights after each generation."""
     draw = np.random.default_rng(seed)
     first = np.append(SPREAD, SPEED_SPREAD) if speed else SPREAD
     mean, spread = np.zeros(len(first)), first.copy()
@@ -94,7 +94,8 @@ def driven_by_pd(job):
 
 
 def judge(pool, theta, plant, duration_s):
-    """Print the errors of the policy and the PD law with the same noise. Return the mean lateral errors by law [m]."""
+    """Print the errors of the policy and of the PD law with the same noise. Return the mean RMS lateral error of each
+    law [m]."""
     seeds = list(JUDGED_SEEDS)
     jobs = [(theta, plant, duration_s, 0, {"overrides": {"seed": seed}}) for seed in seeds]
     ends = [info for _, info, _ in pool.map(episode, jobs)]

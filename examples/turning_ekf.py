@@ -5,7 +5,7 @@ r"""Custom estimator on filterpy's `ExtendedKalmanFilter`, with constant speed a
         --variant "paper: estimator.kind=ekf" --variant "own: estimator.kind=turning_ekf"
 
 States: position of the rear-axle point R [m], yaw [rad], speed [m/s] and yaw rate [rad/s]. The antenna is assumed to be
-above R. A plugin estimator is called from Python once per tick; filterpy needs about 0.1 ms per call.
+above R. A plugin estimator is called from Python once per tick. filterpy needs about 0.1 ms per call.
 """
 
 from math import cos, nan, radians, sin, tan
@@ -37,7 +37,7 @@ class Turning(NamedTuple):
 
 
 class TurningEkf(StateEstimator):
-    """Extended Kalman filter with constant speed and yaw rate; `[estimator] kind = "turning_ekf"`."""
+    """Extended Kalman filter with constant speed and yaw rate, selected by `estimator.kind = "turning_ekf"`."""
 
     kind: Literal["turning_ekf"] = "turning_ekf"
     position_sigma_m: Positive = 0.02
@@ -58,7 +58,8 @@ class TurningEkf(StateEstimator):
         return Turning(start, np.diag(sigmas**2), tractor.wheelbase_m, tractor.cg_to_rear_axle)
 
     def update(self, state: Turning, measurement: Measurement, dt: float) -> tuple[Turning, Estimate]:
-        """Predict the state by one tick, then correct it by the steering angle and by a new fix, if any."""
+        """Predict the state by one tick, then correct the state by the steering angle and, if available, by a new
+        fix."""
         ekf = ExtendedKalmanFilter(dim_x=5, dim_z=1)
         ekf.F, ekf.Q = self._transition(state.mean, dt), self._noise(dt)
         ekf.x, ekf.P = self._moved(state.mean, dt), ekf.F @ state.covariance @ ekf.F.T + ekf.Q
@@ -83,7 +84,7 @@ class TurningEkf(StateEstimator):
         return np.array([x + v * dt * cos(middle), y + v * dt * sin(middle), yaw + rate * dt, v, rate])
 
     def _transition(self, mean: Array, dt: float) -> Array:
-        """Return the Jacobian of the predicted mean with respect to the mean, shape (5, 5)."""
+        """Return the Jacobian of the predicted mean with respect to the current mean, shape (5, 5)."""
         _, _, yaw, v, rate = mean
         c, s = dt * cos(yaw + 0.5 * rate * dt), dt * sin(yaw + 0.5 * rate * dt)
         F = np.eye(5)

@@ -1,4 +1,4 @@
-"""Studies that are interrupted, or whose runs raise errors, for tests of resuming."""
+"""Interrupted studies, and studies whose runs raise errors, for tests that resume studies."""
 
 import json
 import shutil
@@ -41,7 +41,8 @@ class Driven(list):
 
 
 def counted(monkeypatch, folder):
-    """Return a list that records simulated runs. Write a law that may raise errors, and tuning cases, to `folder`."""
+    """Return a list that records simulated runs. Write a guidance law that may raise errors, and tuning cases, to
+    `folder`."""
     (folder / "mine.toml").write_text('seeds = 2\n[[training]]\nname = "a"\n[[test]]\nname = "b"\n')
     (folder / "laws.py").write_text(LAWS)
     real, seen = tasks.run, Driven()
@@ -57,7 +58,7 @@ def counted(monkeypatch, folder):
 
 
 def answer(folder, name):
-    """Return the result of a study without its wall times."""
+    """Return the result of a study without its wall times, for comparisons of results."""
     found = json.loads((folder / name).read_text())
     rows = found if isinstance(found, list) else []
     return [{key: value for key, value in row.items() if key not in WALL} for row in rows] or found

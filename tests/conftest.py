@@ -19,16 +19,16 @@ from agrobot_mj.core import identity
 from agrobot_mj.simulation import stepping
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-"""Numpy reads the variable when it is imported. With tests on every core, BLAS threads for small matrices would only
+"""Numpy reads this variable when it is imported. With tests on every core, BLAS threads for small matrices would only
 wait for each other and take most of the processor time of a fit."""
 gc.set_threshold(cli.OBJECTS_PER_COLLECTION)
 """Garbage-collection threshold of commands. With the default threshold, each collection would search all modules."""
 typer.main.get_command = cache(typer.main.get_command)
-"""Cached command line, which is otherwise created for each call."""
+"""Cached command object of the command line, which would otherwise be created for each call."""
 settings.register_profile("same", derandomize=True, deadline=None, database=None, max_examples=50)
 settings.register_profile("explore", deadline=None, print_blob=True, max_examples=100)
 settings.load_profile("same")
-"""Property tests use the same examples on all machines and have no time limit; `make explore` uses other examples."""
+"""Property tests use the same examples on all machines and have no time limit. `make explore` uses other examples."""
 
 
 def pytest_configure(config):
@@ -60,10 +60,11 @@ def interruptible():
 
 @pytest.fixture
 def call(monkeypatch, capsys, tmp_path):
-    """Return a function that runs a command line of `agrobot-mj` in an empty folder: exit status, stdout and stderr.
+    """Return a function that runs a command line of `agrobot-mj` in an empty folder. The function returns exit status,
+    stdout and stderr.
 
-    The command runs in this process and prints no progress lines, which depend on the clock. Worker processes take
-    three seconds of processor time to start; only `--jobs` starts them.
+    The command runs in this process and prints no progress lines, which depend on the clock. Worker processes, which
+    take three seconds of processor time to start, are only started by `--jobs`.
     """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("agrobot_mj.studies.engine.workers.cores", lambda: 1)
@@ -88,13 +89,14 @@ def single_ticks(monkeypatch):
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """Omit the figures of comparisons, which take one second per comparison and are checked by other tests."""
+    """Omit the figures of comparisons, which take one second per comparison. Other tests check the figures."""
     omit_figures(monkeypatch)
 
 
 @pytest.fixture
 def asked(call):
-    """Return a function that runs a command line with `--json`, checks the status, and returns document and stderr."""
+    """Return a function that runs a command line with `--json`, checks the exit status, and returns the JSON document
+    and stderr."""
 
     def command(*arguments):
         status, out, err = call(*arguments, "--json")

@@ -1,4 +1,4 @@
-"""Kinematic tractor with a steering lag, and paths forward and in reverse, for tests of guidance laws."""
+"""Kinematic tractor with a steering lag, and paths for driving forward and in reverse, for tests of guidance laws."""
 
 from math import cos, exp, sin, tan
 from typing import NamedTuple
@@ -23,7 +23,8 @@ class Bend:
         self.speed_m_s, self.duration_s, self.turns_s, self.max_curvature = abs(speed), 120.0, (), abs(curvature)
 
     def at(self, t: float) -> Reference:
-        """Return the reference. Its heading is that of the tractor, so that in reverse the velocity is opposite."""
+        """Return the reference at the time `t` [s]. Its heading is the heading of the tractor, so that in reverse the
+        velocity is opposite to the heading."""
         way = self.speed * max(t, 0.0)  # distance along the heading
         on_straight = min(max(way, -self.straight), self.straight)
         pose = advance(Pose(0.0, 0.0, 0.3), 0.0, on_straight)

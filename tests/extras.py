@@ -1,4 +1,4 @@
-"""Marks for tests that need a package of an optional extra, which `make install` does not install."""
+"""Pytest marks for tests that need a package of an optional extra, which `make install` does not install."""
 
 from importlib.util import find_spec
 

@@ -1,4 +1,4 @@
-"""Documents that commands print with `--json`, and their description on the docs page."""
+"""Documents that commands print with `--json`, and the description of these documents on the page docs/index.md."""
 
 import re
 from pathlib import Path
@@ -8,7 +8,8 @@ COMMON = {"command", "version", "exit_status", "error"}
 
 
 def documented(verb):
-    """Return the keys that the page names for the document of a command, outside parentheses and before any colon."""
+    """Return the keys that the page names for the JSON document of a command, outside parentheses and before any
+    colon."""
     cells = re.search(rf"^\| `{verb}` \| (.*) \|$", PAGE, re.MULTILINE)[1]
     named = [part.partition(":")[0] for part in re.sub(r"\(.*?\)", "", cells).split(";")]
     return {name for part in named for name in re.findall(r"`(\w+)`(?!\.)", part)}

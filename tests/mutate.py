@@ -46,7 +46,7 @@ PAIRS = """
     longitudinal lateral, yaw roll, roll pitch
 """
 NAMES = dict(pair.split()[::order] for order in (-1, 1) for pair in PAIRS.split(","))
-"""Names, and the names with which they are exchanged."""
+"""Names in the source code, and the names with which a mutant exchanges them."""
 
 
 class Exchange(Operator):
@@ -67,7 +67,7 @@ class Exchange(Operator):
 
 
 class Mutant(NamedTuple):
-    """Changed version of a module."""
+    """Mutant: version of a module that is changed in one place."""
 
     module: str
     tests: str

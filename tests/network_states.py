@@ -7,7 +7,7 @@ from agrobot_mj.control.t2fnn_laws import Rates, firing, laws, sgn
 
 
 def random_state(rng: np.random.Generator, size: tuple[int, int] | None = None) -> T2FnnState:
-    """Return a random state whose sets are scattered about the origin; some sets contain the origin."""
+    """Return a random network state whose fuzzy sets are scattered about the origin. Some sets contain the origin."""
     n1, n2 = size or (int(rng.integers(1, 5)), int(rng.integers(1, 5)))
     d1_lower, d2_lower = rng.uniform(0.3, 1.2, n1), rng.uniform(0.3, 1.2, n2)
     return T2FnnState(
@@ -23,7 +23,7 @@ def random_state(rng: np.random.Generator, size: tuple[int, int] | None = None) 
 
 
 def plain_firing(s: T2FnnState, x1: float, x2: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return normalised lower and upper firing strengths, computed in scalar steps; zeros if no rule fires."""
+    """Return the normalised lower and upper firing strengths, computed in scalar steps, or zeros if no rule fires."""
     shares = []
     for d1, d2 in ((s.d1_lower, s.d2_lower), (s.d1_upper, s.d2_upper)):
         W = np.zeros(s.f.shape)

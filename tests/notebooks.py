@@ -26,7 +26,7 @@ def code(book):
 
 
 def executed(folder, name, full, found):
-    """Execute the cells in order in a separate process; return their output and the values of `found`.
+    """Execute the cells of a notebook in order in a separate process. Return their output and the values of `found`.
 
     A separate process is necessary because laws cannot be unregistered. Displayed figures are rendered.
     """

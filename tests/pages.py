@@ -1,4 +1,4 @@
-"""Requirements on the report of any folder of results."""
+"""Requirements on the HTML report of any folder of results."""
 
 import json
 import re
@@ -35,7 +35,7 @@ def check_page(folder):
 
 
 def check_damage(folder, name, content):
-    """Check that a file with this content is reported as damaged and that no report is written."""
+    """Check that a file `name` with the given content is reported as damaged and that no report is written."""
     claim(folder, [name])
     (folder / name).write_text(content)
     with pytest.raises(ScenarioError, match="cannot be reported"):

@@ -1,9 +1,9 @@
 """Programs in separate processes that start fast: they are forked from a server that has imported modules.
 
-`bare` forks from a server without this package, with kernels as plain Python, so that each process may use another
-copy of the package. `command` and `program` fork from a server with the package. They are for tests of effects that
-last until the end of a process, such as registrations and resource limits. Tests of the start itself, of signals, or
-of pools start Python, which takes one to four seconds of processor time.
+`bare` forks from a server without this package, with kernels as plain Python, so that each process may use another copy
+of the package. `command` and `program` fork from a server with the package. Both are for tests of effects that last
+until the end of a process, such as registrations and resource limits. Tests of the start itself, of signals, or of
+pools start Python, which takes one to four seconds of processor time.
 """
 
 import atexit

@@ -1,4 +1,4 @@
-"""File in which a sweep stores the row of a run."""
+"""Path of the file in which a sweep stores the row of a run."""
 
 from pathlib import Path
 

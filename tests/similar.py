@@ -1,4 +1,4 @@
-"""Similarity of a scenario on a tractor of another mass with the same shape and density.
+"""Scaling of a scenario to a tractor of another mass with the same shape and density.
 
 Lengths scale with mass^(1/3). Quantities that follow from lengths and weight scale with the power of the length below.
 The ground and its strength remain unchanged. The path grows with the tractor, because its bends would be too tight.
@@ -33,7 +33,7 @@ def similar(scenario: Scenario, mass_kg: float) -> Scenario:
 
 
 def grown(value: Any, length: float, key: str = "") -> Any:
-    """Return a value of `key`, or a table of values, for a tractor whose lengths are multiplied by `length`."""
+    """Return a value of the key `key`, or a table of values, for a tractor whose lengths are multiplied by `length`."""
     if isinstance(value, dict):
         return {name: grown(inner, length, name) for name, inner in value.items()}
     if isinstance(value, list):

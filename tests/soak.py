@@ -6,11 +6,10 @@ fault gives exit status 1.
     python tests/soak.py link [--seconds 3600]
 
 `learning`: the paper's controller in a loop with a first-order lag, for a number of ticks that would take days with a
-tractor. All parameters stay finite and bounded, and memory does not grow.
-`work`: laps of the figure eight on rough soil in MuJoCo. Memory is measured after ten simulated minutes, from then on,
-and at the end, while metrics are computed and files written.
-`link`: the example host drives over UDP in real time while other work loads the machine. Late ticks, delays of the
-schedule and outages of the watchdog are counted.
+tractor. All parameters stay finite and bounded, and memory does not grow. `work`: laps of the figure eight on rough
+soil in MuJoCo. Memory is measured from the tenth simulated minute to the end, and while metrics are computed and files
+written. `link`: the example host drives over UDP in real time while other work loads the machine. Late ticks, delays of
+the schedule and outages of the watchdog are counted.
 """
 
 import argparse
@@ -47,7 +46,8 @@ SAMPLE_S = 5.0  # Wall time between two measurements of the memory [s]
 
 
 def memory_mb(process: int | str = "self", peak: bool = False) -> float:
-    """Return the resident memory of a process [MB], or its peak since `forget_peak`; 0 after the process has ended."""
+    """Return the resident memory of a process [MB], or its peak since `forget_peak`, or 0 after the process has
+    ended."""
     try:
         text = Path(f"/proc/{process}/status").read_text()
     except OSError:
@@ -57,7 +57,7 @@ def memory_mb(process: int | str = "self", peak: bool = False) -> float:
 
 
 def forget_peak() -> None:
-    """Reset the peak of the memory."""
+    """Reset the peak memory of this process to its current memory."""
     Path("/proc/self/clear_refs").write_text("5")
 
 
@@ -68,7 +68,7 @@ def largest(state: T2FnnState) -> float:
 
 
 def learning(ticks: int) -> bool:
-    """Let the network learn; return whether its parameters stay bounded and memory does not grow.
+    """Let the network learn, and return whether its parameters stay bounded and memory does not grow.
 
     The yaw rate follows u tan(delta)/L with a lag of 0.3 s, towards a reference that oscillates as on the figure eight,
     with noise of 0.01 rad/s. As on a tractor, the network does not converge with these signals.
@@ -122,7 +122,7 @@ class Memory:
 
 
 def drive_for(hours: float, recorded: bool) -> bool:
-    """Simulate laps for some hours; return whether memory stops growing after ten minutes, until all files are written.
+    """Simulate laps for some hours. Return whether memory stops growing after ten minutes, until all files are written.
 
     After an interrupt, the result covers the simulated hours.
     """

@@ -22,7 +22,8 @@ AWAY = ("--set", "plant.kind=bicycle", "--set", "duration_s=9", "--set", "path.s
 
 
 def standing(folder, test):
-    """Write a file with the law. Return the file and a separate kind for each test, because kinds stay registered."""
+    """Write a plugin file with a guidance law that never moves. Return the file and the kind of the law, which differs
+    between tests, because kinds stay registered."""
     name = f"still_{abs(hash(test)) % 10**8}"
     (folder / "laws.py").write_text(LAWS.replace("{name}", name))
     return folder / "laws.py", name

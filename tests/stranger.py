@@ -2,8 +2,8 @@
 
 The machine is an independent bicycle model: stretched-string tyres on both axles (deflection q' = -w - |V| q / sigma,
 force C q / sigma), exact angles, and play between steering sensor and wheels. The log has counts for angles, an
-unsigned speed, and positions and headings that are late, repeated by a faster logger, and quantised. The machine stops,
-reverses and loses its position; the log has frozen values and missing seconds.
+unsigned speed, and positions and headings that are delayed, repeated by a faster logger, and quantised. The machine
+stops, reverses and loses its position. The log has frozen values and missing seconds.
 """
 
 from math import cos, pi, radians, sin
@@ -21,7 +21,7 @@ END_S = 300.0
 
 
 class Hidden(NamedTuple):
-    """Parameters that are unknown to the fit, in the units of its result."""
+    """Hidden parameters of the machine, which a fit must identify, in the units of the result of the fit."""
 
     centre: float
     scale: float  # Wheel angle per count [deg], negative if counts increase to the right
@@ -79,7 +79,8 @@ def behind_play(angle, play):
 
 
 def drive(h, u, d):
-    """Return east, north, heading and yaw rate at every step (Runge-Kutta), for speed and wheel angle at half steps."""
+    """Return east, north, heading and yaw rate at every step, computed by the Runge-Kutta method from speed `u` and
+    wheel angle `d` at half steps."""
     k_f, k_r = h.C_f / h.sigma_f, h.C_r / h.sigma_r
 
     def rate(s, u, d):
@@ -111,7 +112,7 @@ def drive(h, u, d):
 
 
 def slow(rng, n, sigma, seconds, step):
-    """Return noise that is correlated over `seconds`."""
+    """Return `n` values of noise with the standard deviation `sigma`, correlated over `seconds` [s]."""
     keep, found = np.exp(-step / seconds), np.zeros(n)
     for k in range(1, n):
         found[k] = keep * found[k - 1] + sigma * np.sqrt(1 - keep * keep) * rng.standard_normal()
@@ -119,7 +120,8 @@ def slow(rng, n, sigma, seconds, step):
 
 
 def write_log(seed, file, h=None):
-    """Simulate the machine of a seed and write its log. Return the hidden values, with latencies of log rows."""
+    """Simulate the machine of a seed and write its log. Return the hidden values. Their latencies include the delay
+    until the next row of the log."""
     h = h or hidden(seed)
     rng = np.random.default_rng([seed, 25])
     fine = np.arange(0, END_S + STEP_S, STEP_S / 2)
@@ -185,7 +187,7 @@ accepted = ["fixed"]
 
 
 def answers(h):
-    """Return the true values by key of the result."""
+    """Return the true value of each quantity in the result of a fit, by key of the quantity."""
     weight = MASS / (L_F + L_R)
     return {
         "steer.offset": h.centre,

@@ -1,4 +1,5 @@
-"""Static tip-over angles of a parked tractor, including its roll on the tyres, the compliant carcass and the pivot."""
+"""Static tip-over angles of a parked tractor, including its roll on the tyres, the compliance of the carcasses and the
+pivot of the front axle."""
 
 from math import cos, radians, sin, sqrt
 
@@ -9,7 +10,7 @@ from agrobot_mj.machine.tractor import GRAVITY
 
 
 def twist(wheel):
-    """Return the stiffness of a patch against turning [N m/rad] for bristles with a slip stiffness of 10 loads."""
+    """Return the stiffness of a contact patch against turning [N m/rad], for a slip stiffness of 10 times the load."""
     a = sqrt(2 * wheel.radius * wheel.deflection)
     return 10 * wheel.load * (a / 3 + wheel.width**2 / (12 * a))
 
@@ -17,7 +18,8 @@ def twist(wheel):
 def tipping_deg(tractor, carcass, hold=True, share=0.45):
     """Return the slope [deg] at which the moments of the body about the line from the pivot to the rear patch balance.
 
-    The lateral stiffness of the carcass is `share` of the vertical one; with `carcass` the load follows it.
+    `share` is the lateral stiffness of the carcass divided by its vertical stiffness [-]. With `carcass`, the load
+    follows the lateral deflection of the carcass.
 
     The rear, on one wheel, yields more to the side than the front. With `hold` the patches resist this yaw,
     by a moment that also acts about the inclined line, and the brake holds the weight along the tractor at that wheel.

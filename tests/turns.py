@@ -1,10 +1,12 @@
-"""Pairs of two test parameters: by default one pair for each value of the first parameter; all pairs with `slow`."""
+"""Pairs of two test parameters. By default, each value of the first parameter occurs in one pair. With the mark `slow`,
+all pairs are tested."""
 
 import pytest
 
 
 def by_turns(firsts, seconds):
-    """Return parameters for `parametrize`, one for each pair of the two lists. Items may be `pytest.param`."""
+    """Return parameters for `pytest.mark.parametrize`, one for each pair of values from the two lists. Values may be
+    `pytest.param`."""
     return [
         pytest.param(
             *_values(first),

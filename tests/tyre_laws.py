@@ -1,4 +1,4 @@
-"""Tyres that tests simulate."""
+"""Default tyres that several tests simulate."""
 
 from agrobot_mj.scenario.reference import families
 from agrobot_mj.tyres.bearing import FIRM

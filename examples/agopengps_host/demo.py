@@ -1,7 +1,8 @@
 """Closed-loop runs with the small guidance host over UDP: level ground, side slope, noise, and valve control.
 
-The program prints the table of link.md. Each row is a run of 80 s at 1.5 m/s, which starts at a lateral offset of 1 m
-from the line of the host. With a row's first word as argument, such as `slope`, only the rows with this word are run.
+The program prints the table of the page link.md. Each row is a run of 80 s at 1.5 m/s, which starts at a lateral offset
+of 1 m from the line of the host. With the first word of a row as argument, such as `slope`, only rows with this first
+word are simulated.
 """
 
 import socket
@@ -46,7 +47,7 @@ ROWS = {
     "slope: 10 deg, roll, side hill 0.2": (SLOPE, {**TWO_ANTENNAS, **UNIT}, "--side-hill 0.2"),
     "slope: 10 deg, roll, integral": (SLOPE, {**TWO_ANTENNAS, **UNIT}, "--integral 0.02"),
 }
-"""Scenario, overrides, and command-line arguments of the host, by row name."""
+"""Scenario, overrides, and command-line arguments of the host for each table row, by name of the row."""
 
 
 def free_ports() -> tuple[int, int]:
@@ -58,7 +59,7 @@ def free_ports() -> tuple[int, int]:
 
 
 def row(name: str, scenario: str, overrides: dict[str, object], host: str, folder: Path) -> tuple[str, ...]:
-    """Simulate the run of one table row; return its cells."""
+    """Simulate the run of one table row, and return the cells of the row."""
     own, other = free_ports()
     keys = {"guidance.kind": "agopengps", "path.start_offset_m": 1.0, "path.speed_m_s": 1.5, "duration_s": 80.0}
     command = [sys.executable, str(HOST), f"--port={other}", f"--board-port={own}", *host.split()]

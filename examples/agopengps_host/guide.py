@@ -1,7 +1,7 @@
 """Small guidance program for tests and demos, which converts position messages to steering messages.
 
 The program uses no sockets and no clock. The position of the rear axle is computed from the antenna position with a
-correction for roll. The heading comes from two antennas, or from successive fixes; an inertial unit, if available,
+correction for roll. The heading comes from two antennas, or from successive fixes. An inertial unit, if available,
 extrapolates the heading between fixes. The program engages some time after the first heading, and follows one straight
 line.
 
@@ -57,7 +57,7 @@ class AxlePose(NamedTuple):
 
 
 class HostSettings(NamedTuple):
-    """Settings of the guidance program; each setting is a command-line option."""
+    """Settings of the guidance program, which are also its command-line options."""
 
     line: AbLine = AbLine(0.0, 0.0, 0.0)
     origin: Origin = Origin(AgOpenGps().origin_lat_deg, AgOpenGps().origin_lon_deg)
@@ -69,9 +69,10 @@ class HostSettings(NamedTuple):
     look_ahead: float = 2.0
     """Look-ahead time of pure pursuit [s], used if `hold` is not given. Assumed value."""
     hold: float | None = None
-    """Look-ahead distance at standstill, as in AgOpenGPS programs [m]; replaces `look_ahead`."""
+    """Look-ahead distance at standstill, as in AgOpenGPS programs [m]. If set, this distance replaces `look_ahead`."""
     multiplier: float = 1.5
-    """Relative increase of `hold` at a speed of 20 km/h [-], proportional to the speed. Default of AgOpenGPS."""
+    """Relative increase of `hold` at a speed of 20 km/h [-], proportional to the speed. AgOpenGPS has the same
+    default."""
     integral: float = 0.0
     """Integral gain of the lateral offset [rad/(m s)]. Default: 0, as in common programs."""
     side_hill: float = 0.0
@@ -81,7 +82,8 @@ class HostSettings(NamedTuple):
     dialect: str = "agopengps"
     """Protocol of the messages: `agopengps` or `agopenweb`."""
     board: tuple[int, int, int] | None = None
-    """Proportional gain, high PWM and minimum PWM, sent to the steering board at the start; None sends no settings."""
+    """Proportional gain, high PWM and minimum PWM, which are sent to the steering board at the start, or None to send
+    no settings."""
 
 
 class LawState(NamedTuple):
@@ -134,7 +136,7 @@ def steer(settings: HostSettings, state: LawState, pose: AxlePose, dt: float) ->
 
 
 def _look_ahead(settings: HostSettings, speed: float, off: float) -> float:
-    """Return the look-ahead distance [m]; with `hold`, the distance decreases by a tenth far from the line."""
+    """Return the look-ahead distance [m]. With `hold`, the distance decreases by a tenth far from the line."""
     if settings.hold is None:
         return max(LOOK_AHEAD_LEAST_M, settings.look_ahead * speed)
     far = clip((abs(off) - ON_LINE_M) / (OFF_LINE_M - ON_LINE_M), 0.0, 1.0)
@@ -143,7 +145,7 @@ def _look_ahead(settings: HostSettings, speed: float, off: float) -> float:
 
 
 def _pure_pursuit(settings: HostSettings, line: AbLine, pose: AxlePose, off: float) -> float:
-    """Return the steering angle of the circle through rear axle and goal point [rad]."""
+    """Return the steering angle for the circle through the rear axle and the goal point on the line [rad]."""
     ahead = _look_ahead(settings, pose.speed, off)
     goal_x, goal_y = ahead * cos(line.yaw) + off * sin(line.yaw), ahead * sin(line.yaw) - off * cos(line.yaw)
     _, left = to_heading(pose.yaw, goal_x, goal_y)
@@ -194,12 +196,12 @@ class GuideState(NamedTuple):
 
 
 class Guide(NamedTuple):
-    """Small guidance program, without sockets and clock."""
+    """Small guidance program, which uses no sockets and no clock."""
 
     settings: HostSettings
 
     def receive(self, state: GuideState, datagram: bytes, t: float) -> tuple[GuideState, list[bytes]]:
-        """Process a datagram from the boards at time `t` [s]; return the new state and the reply messages."""
+        """Process a datagram from the boards at time `t` [s]. Return the new state and the reply messages."""
         position = read(datagram)
         if position is None:
             return state, []

@@ -46,16 +46,15 @@ def parser() -> argparse.ArgumentParser:
 
 
 def settings_of(a: argparse.Namespace) -> HostSettings:
-    """Return the host settings in parsed command-line arguments."""
+    """Return the settings of the host from parsed command-line arguments."""
     x, y, heading_deg = a.line
     given = {name: value for name, value in vars(a).items() if name in HostSettings._fields}
     return HostSettings(**given)._replace(line=AbLine(x, y, radians(heading_deg)), origin=Origin(*a.origin))
 
 
 def serve(guide: Guide, sockets: UdpSockets, duration: float, idle: float) -> GuideState:
-    """Reply to position messages; return the last state.
-
-    The function returns after `duration` [s], or `idle` [s] after the last position.
+    """Reply to position messages, and return the last state of the guidance program. The function returns after
+    `duration` [s], or `idle` [s] after the last position.
     """
     state, end, heard = GuideState(), time.perf_counter() + duration, float("inf")
     while (now := time.perf_counter()) < min(end, heard + idle):
@@ -69,7 +68,7 @@ def serve(guide: Guide, sockets: UdpSockets, duration: float, idle: float) -> Gu
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the host; return the exit status."""
+    """Run the host with command-line arguments, and return the exit status."""
     a = parser().parse_args(arguments)
     try:
         with UdpSockets("127.0.0.1", a.port, a.board_port) as sockets:

@@ -1,4 +1,4 @@
-"""Errors of pure pursuit by look-ahead and speed; `python examples/agopengps_host/look_ahead.py` prints the table.
+"""Errors of pure pursuit by look-ahead and speed. `python examples/agopengps_host/look_ahead.py` prints the table.
 
 The table is on the page link.md. Each cell contains the overshoot, and the rms lateral offset in the last 20 s, of a
 run on level ground. The run starts at a lateral offset of 1 m from the line of the host, which runs in the same
@@ -31,11 +31,12 @@ LOOK_AHEADS = {
     "two antennas, 3 m": "--hold 3 --multiplier 0",
     "two antennas, 2 s": "--look-ahead 2",
 }
-"""Command-line arguments of the host, by row name."""
+"""Command-line arguments of the host for each table row, by name of the row."""
 
 
 class Direct:
-    """Connection to a host in the same process, without sockets or clock; `cut` interrupts the connection."""
+    """Connection to a host in the same process, without sockets or clock. If `cut` is true, the connection is
+    interrupted."""
 
     pace = None
 
@@ -44,7 +45,7 @@ class Direct:
         self.answers: list[bytes] = []
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Start a tick; return an empty iterator, because the host only sends replies."""
+        """Start a tick. Return an empty iterator, because the host sends only replies."""
         self.turn = turn
         return iter(())
 
@@ -54,7 +55,7 @@ class Direct:
         return (Incoming(turn * TICK_S, ADDRESS, answer) for answer in answers)
 
     def send(self, data: bytes, target: object = None) -> tuple[float, str]:
-        """Send a message to the host; return time [s] and address."""
+        """Send a message to the host. Return the time of sending [s] and the address of the host."""
         if not self.cut and target is None:
             self.state, answers = self.guide.receive(self.state, data, self.turn * TICK_S)
             self.answers += answers
@@ -62,7 +63,7 @@ class Direct:
 
 
 def cell(host: str, speed: float, overrides: dict[str, object]) -> str:
-    """Simulate a run; return a table cell with overshoot and rms lateral offset in the last 20 s [cm]."""
+    """Simulate a run. Return a table cell with the overshoot and the rms lateral offset in the last 20 s [cm]."""
     keys = {"guidance.kind": "agopengps", "path.start_offset_m": 1.0, "path.speed_m_s": speed, "duration_s": 60.0}
     scenario = load_scenario(LEVEL, {**keys, "terrain.half_size_m": 600.0, **overrides})
     log = run_link(scenario, Direct(Guide(settings_of(parser().parse_args(host.split())))), LinkOptions()).log

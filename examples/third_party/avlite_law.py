@@ -2,7 +2,7 @@
 
 agrobot-mj run side_slope_10 --plugin avlite_law.py --set guidance.kind=avlite --set guidance.law=pure_pursuit
 
-AVLite follows a list of points from the pose of the rear axle; the speed is the speed of the path. Vehicle data and
+AVLite follows a list of points from the pose of the rear axle. The speed is the speed of the path. Vehicle data and
 gains are attributes of the controllers, with defaults for a car.
 """
 

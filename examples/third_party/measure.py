@@ -25,7 +25,7 @@ SURFACES: dict[str, tuple[str, dict[str, Any]]] = {
     "circle, radius 10 m": ("circle", {"duration_s": 60.0}),
     "level line, ideal plant": ("straight_line", {"duration_s": 60.0, **TOY}),
 }
-"""Scenario and overrides of each table column."""
+"""Scenario and overrides for each table column, by name of the column."""
 LAWS: dict[str, dict[str, Any]] = {
     "AVLite Stanley, default (5 1/s)": {"guidance.kind": "avlite"},
     "AVLite Stanley, 0.5 1/s": {"guidance.kind": "avlite", "guidance.gain_per_s": 0.5},

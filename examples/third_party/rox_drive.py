@@ -3,7 +3,7 @@
 python rox_drive.py straight_line --set path.speed_m_s=1.5
 
 rox-control follows waypoints from the pose of the rear axle and returns a curvature, left positive. Its defaults are
-for a very small robot; distances and gain are therefore scaled to a tractor. The curvature for a point at the distance
+for a very small robot. Therefore distances and gain are scaled to a tractor. The curvature for a point at the distance
 D and the angle alpha to the heading is 2 sin(alpha) / D.
 """
 
@@ -24,7 +24,8 @@ AHEAD_M, SPACING_M = 2.5, 0.5
 
 
 def drive(scenario: str, keys: dict[str, Any], ahead: float = AHEAD_M) -> dict[str, Any]:
-    """Simulate a scenario with rox-control; return the metrics."""
+    """Simulate a scenario with rox-control, and return the metrics of the run. `ahead` is the look-ahead distance
+    [m]."""
     sim = Simulation(scenario, keys)
     sim.reset()
     speed = sim.scenario.path.speed_m_s

@@ -42,8 +42,8 @@ CLASSES: dict[str, tuple] = {
     "copies": (copies, 0.06),
     "kills": (kills, 0.005),
 }
-"""Classes of inputs, with a function that runs one input, the fraction of all inputs, and functions for preparing the
-parent process."""
+"""Classes of inputs. Each class has a function that runs one input, a fraction of all inputs, and functions that
+prepare the parent process."""
 sys.path.append(str(ROOT / "examples" / "agopengps_host"))
 for file in sorted((ROOT / "tests" / "extensions").glob("*/attack_*.py")):
     sys.path.append(str(file.parent))
@@ -53,7 +53,7 @@ LONG_S = {"kills": 900.0, "changes": 300.0, "interrupts": 300.0, "copies": 300.0
 
 
 def load(classes: list[str]) -> None:
-    """Load the modules and compile the kernels of some classes before processes are forked."""
+    """Load the modules and compile the kernels that some classes need, before processes are forked."""
     keys(), numbers()
     for prepare in [each for name in classes for each in CLASSES[name][2:]]:
         prepare()

@@ -64,7 +64,7 @@ ANSWERS = {"sweep": "sweep.parquet", "compare": "comparison.json", "limit": "lim
 
 
 def edited(file: str, pattern: str, replacement: str) -> Callable[[random.Random], None]:
-    """Return a function that replaces the first match of a pattern in a file; `NUMBER` stands for a random number."""
+    """Return a function that replaces the first match of a pattern in a file. `NUMBER` stands for a random number."""
 
     def change(chance: random.Random) -> None:
         text = Path(file).read_text("utf-8")
@@ -77,7 +77,7 @@ def edited(file: str, pattern: str, replacement: str) -> Callable[[random.Random
 
 
 def _moved(chance: random.Random) -> None:
-    """Move all files to another folder, and continue there."""
+    """Move all files to another folder, and make this folder the current folder."""
     Path("moved").mkdir()
     for path in list(Path().iterdir()):
         if path.name != "moved":
@@ -111,7 +111,7 @@ CHANGES: dict[str, tuple[Callable[[random.Random], None], bool]] = {
     "place": (_moved, False),
     "times": (_touched, False),
 }
-"""Functions that change an input, and whether the runs must be simulated again after the change."""
+"""Functions that change an input of a study, and whether the runs must be simulated again after the change."""
 
 
 def changes(chance: random.Random) -> str:
@@ -136,7 +136,7 @@ def changes(chance: random.Random) -> str:
 
 
 def _run(words: list[str]) -> str:
-    """Run a command with its plugins in a separate process; return the fault, or an empty text."""
+    """Run a command with its plugins in a separate process. Return a description of the fault, or an empty text."""
     sys.dont_write_bytecode = True
     ours, theirs = FORK.Pipe(duplex=False)
     child = FORK.Process(target=lambda: theirs.send(call(words, expected=(0, 1))))
@@ -151,7 +151,8 @@ def _run(words: list[str]) -> str:
 
 
 def _repeated(words: list[str], again: bool) -> str:
-    """Repeat a command that must simulate runs only if `again` is true; return the fault, or an empty text."""
+    """Repeat a command that must simulate runs only if `again` is true. Return a description of the fault, or an empty
+    text."""
     before = _written()
     if found := _run(words):
         return found
@@ -164,7 +165,7 @@ def _written() -> dict[str, int]:
 
 
 def _answer(folder: Path, name: str) -> object:
-    """Return the result of a study without its wall times."""
+    """Return the result of a study without its wall times, for comparisons of results."""
     file = folder / ANSWERS[name]
     rows = pq.read_table(file).to_pylist() if file.suffix == ".parquet" else json.loads(file.read_text("utf-8"))
     times = set(WALL) - {"identity"}

@@ -53,7 +53,7 @@ PLACES = (
 )
 """Values of `--out` that are invalid or unusual folder names."""
 WAITS = {("link", "--wait"), ("link", "--duration")}
-"""Options that determine how long a command waits; they always get values that the command rejects."""
+"""Options that determine how long a command waits. The test gives them only values that the command rejects."""
 REFUSED = ("nan", "-1", "-inf", "é", "")
 LIMIT = "--key path.speed_m_s --range 1:3 --until xte_rms>0.5"
 SWEEP_ON = "sweep small.toml --jobs 1 --out sweep"
@@ -83,7 +83,7 @@ READ = {
 
 @cache
 def result(kind: str) -> Path:
-    """Return a results folder of a kind, which is created once."""
+    """Return a results folder of the given kind. The folder is created at the first call."""
     place = Path(tempfile.mkdtemp())
     atexit.register(shutil.rmtree, place, ignore_errors=True)
     with contextlib.chdir(place):
@@ -102,8 +102,8 @@ def prepare(name: str) -> None:
 
 
 def commands(chance: random.Random) -> str:
-    """Run a command line with one to three errors. It must not remove a pipe without writer and a device in the
-    folder."""
+    """Run a command line with one to three errors. The command must not remove a device or a pipe without writer from
+    the folder."""
     prepare("commands")
     os.mkfifo("pipe")
     with contextlib.suppress(PermissionError):

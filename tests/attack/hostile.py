@@ -32,7 +32,7 @@ CONTENTS = (b"", b"[]", b"{}", b"null", b"3", b'{"a": 1}', b"[" * 3000, b"[{}]",
 
 
 def bent(chance: random.Random, content: bytes, most: int = 20) -> bytes:
-    """Return file content with some changed bytes, possibly truncated."""
+    """Return the content of a file with some changed bytes. The content may also be truncated."""
     changed = bytearray(content)
     for _ in range(chance.randint(1, most)):
         at = chance.randrange(len(changed))
@@ -55,7 +55,7 @@ def odd_lines(chance: random.Random, file: Path) -> bytes:
 
 
 def spoil(chance: random.Random, file: Path) -> str:
-    """Change, replace or remove a file, or replace it by a folder; return the kind of damage."""
+    """Change, replace or remove a file, or replace the file by a folder. Return the kind of damage."""
     how = chance.choice(["bent", "bent", "replaced", "replaced", "removed", "a folder"])
     if how == "bent":
         file.write_bytes(bent(chance, file.read_bytes(), 3))
@@ -102,7 +102,7 @@ def spoil_parquet(chance: random.Random, file: Path) -> None:
 
 
 def _odd_table(chance: random.Random, table: pa.Table) -> pa.Table:
-    """Return the table with changed rows or with one changed column."""
+    """Return a copy of a table with changed rows or with one changed column."""
     names = ("t", "valve_voltage", "steer_measured", "x", "y", "yaw", "speed", "steer")
     names = (*names, chance.choice(table.column_names))
     name = chance.choice([name for name in names if name in table.column_names] or table.column_names)

@@ -1,7 +1,7 @@
 """Failures that no input may cause: traceback, hang, 2 GB of memory, wrong status, unexpected file, undetected NaN.
 
-Each input runs in a separate process, which is forked from a process with all modules loaded. It can thus neither
-affect the next input nor end the attack.
+Each input runs in a separate process, which is forked from a process with all modules loaded. An input can thus neither
+affect the next input nor end the test.
 """
 
 import contextlib
@@ -33,13 +33,14 @@ CERTAIN = ("t", "x", "y", "yaw", "speed", "x_ref", "y_ref", "x_hat", "y_hat", "y
 CERTAIN += ("valve_voltage", "e_lateral")
 """Columns that contain finite numbers in all rows of a run with exit status 0."""
 POWERED, STATE = "pedal_voltage", "supervisor_state"
-"""Name of a column that is finite unless the supervisor stops the tractor, and of the column of the supervisor
-state."""
+"""Name of a column that is finite unless the supervisor stops the tractor, and name of the column with the state of the
+supervisor."""
 KNOWN = {"out", "runs", "run", "compare", "sweep", "limit"}  # Folders to which commands may write
 
 
 def judged(attack: Attack, chance: random.Random, limit: float = LONGEST_S) -> str:
-    """Run one input in a separate process and folder, for at most `limit` [s]; return the fault."""
+    """Run one input in a separate process and folder, for at most `limit` [s]. Return a description of the fault, or an
+    empty text."""
     with tempfile.TemporaryDirectory() as folder:
         ours, theirs = FORK.Pipe(duplex=False)
         child = FORK.Process(target=_attack, args=(attack, chance, folder, theirs))
@@ -58,7 +59,8 @@ def judged(attack: Attack, chance: random.Random, limit: float = LONGEST_S) -> s
 
 
 def _attack(attack: Attack, chance: random.Random, folder: str, theirs: Connection) -> None:
-    """Run one input in the child process. Send its finding and the increase of the memory [kB]."""
+    """Run one input in the child process. Send a description of the fault, and the increase of the memory [kB], to the
+    parent process."""
     began_kb = _peak_kb()
     try:
         os.setpgid(0, 0)
@@ -70,7 +72,7 @@ def _attack(attack: Attack, chance: random.Random, folder: str, theirs: Connecti
 
 
 def _peak_kb() -> int:
-    """Return the peak memory of this process [kB]. A fork resets the peak; an exec does not."""
+    """Return the peak memory of this process [kB]. A fork resets the peak, but an exec does not."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 

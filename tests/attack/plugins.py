@@ -45,7 +45,7 @@ ODD = {
         *("agrobot_mj.register(int)", "agrobot_mj.register(3)", "class Other(Mine): pass"),
     ),
 }
-"""Parts of a plugin file, and erroneous texts for each part."""
+"""Erroneous texts for each part of a plugin file, by name of the part."""
 RIGHT = {"above": "", "kind": 'kind: Literal["mine"] = "mine"', "key": "", "init": "return None", "below": ""}
 ANSWERS = (
     *("return None", "return 3", "return 'x'", "return (None,)", "return None, None", "return None, nan", "pass"),
@@ -101,7 +101,7 @@ RIGHT_LAW = PLUGIN.format(**LAWS._asdict() | RIGHT, answer="return state, Comman
 
 
 def plugins(chance: random.Random) -> str:
-    """Run a plugin with one or two errors. The traceback may contain only exceptions and lines of the plugin."""
+    """Run a plugin with one or two errors. A traceback may contain only exceptions and lines of the plugin."""
     family = chance.choice(FAMILIES)
     odd = {name: chance.choice(ODD[name]) for name in chance.sample(list(ODD), chance.choice([0, 0, 1, 2]))}
     parts = {**RIGHT, **({"kind": ""} if family.base == "Sensor" else {}), **odd}

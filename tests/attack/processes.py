@@ -32,11 +32,12 @@ COMMANDS = {
     "compare circle --controllers pd,pd_t2fnn --plants bicycle --set duration_s=30": "comparison.json",
     "sweep sweep.toml --jobs 2": "sweep.parquet",
 }
-"""Command lines, each with the file that the command writes last."""
+"""Command lines that are killed, each with the file that the command writes last."""
 
 
 def kills(chance: random.Random) -> str:
-    """Send a signal to a command at a random time, then repeat the command. Return the fault."""
+    """Send a signal to a command at a random time, then repeat the command. Return a description of the fault, or an
+    empty text."""
     Path("sweep.toml").write_text(SWEEP)
     line, number = chance.choice(list(COMMANDS)), chance.choice([signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
     command = [sys.executable, "-m", "agrobot_mj", *line.split(), "--quiet", "--out", "out"]
@@ -57,7 +58,7 @@ def kills(chance: random.Random) -> str:
 
 
 def _wait(process: "subprocess.Popen[bytes]", chance: random.Random) -> None:
-    """Wait until a random time of a command, which is early or after its first results."""
+    """Wait until a random time during a command, either shortly after its start or after its first results."""
     if chance.random() < 0.5:
         time.sleep(chance.uniform(0.2, 10.0))
         return
@@ -68,7 +69,7 @@ def _wait(process: "subprocess.Popen[bytes]", chance: random.Random) -> None:
 
 
 def _left(number: signal.Signals, words: str, status: int) -> str:
-    """Return the fault in the output and the files of a completed command."""
+    """Return a description of the fault in the output or the files of a completed command, or an empty text."""
     if "Traceback" in words:
         return words[-2000:]
     if number != signal.SIGKILL and status not in (0, 1, 130, -number):
@@ -109,7 +110,7 @@ def _processes() -> dict[str, tuple[int, str]]:
 
 
 def _again(command: list[str], last: str) -> str:
-    """Repeat a command in the same folder and return its fault."""
+    """Repeat a command in the same folder. Return a description of its fault, or an empty text."""
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=4 * LONGEST_S)
     if done.returncode or _stale() or not (Path("out") / last).is_file():
         return f"again: status {done.returncode}, {done.stderr[-1000:]}, left {_stale()}, of the last file {last}"

@@ -20,7 +20,7 @@ ACKNOWLEDGED_S = 20.0  # Time in which an interrupt is received, on a busy machi
 
 
 def interrupts(chance: random.Random) -> str:
-    """Interrupt steps or runs at random times: every interrupt is received, and the results are unchanged."""
+    """Interrupt steps or runs at random times. Every interrupt must be received, and the results must not change."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     scenario = _scenario(chance)
     work = chance.choice([_stepped, _stepped, _run_again])
@@ -28,7 +28,8 @@ def interrupts(chance: random.Random) -> str:
 
 
 def copies(chance: random.Random) -> str:
-    """Copy a simulation at a random tick, possibly repeatedly: all copies and the original continue identically."""
+    """Copy a simulation at a random tick, possibly repeatedly. All copies and the original must continue
+    identically."""
     scenario = _scenario(chance)
     tick, commands = chance.randrange(scenario.ticks - 2), _commands(chance, scenario.ticks)
     sim = Simulation(scenario)
@@ -98,7 +99,8 @@ def _forked(sim):
 
 
 class _Interrupting:
-    """Thread that repeatedly sends SIGINT to this process at random times, each after receipt of the previous one."""
+    """Thread that repeatedly sends SIGINT to this process at random times. A signal is sent only after receipt of the
+    previous signal."""
 
     def __init__(self, chance: random.Random, longest_s: float) -> None:
         self.pauses = [chance.uniform(0.0, longest_s) for _ in range(30)]
@@ -120,7 +122,8 @@ class _Interrupting:
                 time.sleep(0.0002)
 
     def around(self, work) -> str:
-        """Call `work` again after each interrupt until it returns; return a message if interrupts were lost."""
+        """Call the function `work` again after each interrupt until the function returns. Return a message if
+        interrupts were lost."""
         started = False
         while True:
             try:

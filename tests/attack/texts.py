@@ -34,7 +34,8 @@ def keys() -> dict[str, Any]:
 
 @cache
 def numbers() -> list[tuple[str, float]]:
-    """Return the keys with nonzero numbers and their values, except keys that increase the run duration."""
+    """Return the scenario keys with nonzero numbers, and their values, except keys that increase the duration of a
+    run."""
     short = ("settle", "physics_dt", "duration", "turns", "half_size", "seed", "rules_")
     return [(k, v) for k, v in keys().items() if isinstance(v, float) and v and not any(part in k for part in short)]
 
@@ -57,7 +58,7 @@ def toml(chance: random.Random) -> str:
 
 
 def sweeps(chance: random.Random) -> str:
-    """Read a sweep with hostile axes, draws and counts. It must be rejected with a message, or be usable."""
+    """Read a sweep with hostile axes, draws and counts. The sweep must be rejected with a message, or be usable."""
     if chance.random() < 0.3:
         Path("mine.toml").write_bytes(odd_lines(chance, chance.choice(list(sweep_files().values()))))
     else:
@@ -89,8 +90,8 @@ def _sweep(chance: random.Random) -> str:
 
 
 def extremes(chance: random.Random) -> str:
-    """Run MuJoCo with extreme numbers. They must be rejected with their limits, or the run must have a valid
-    outcome."""
+    """Run a scenario on the MuJoCo plant with extreme numbers. The numbers must be rejected with their limits, or the
+    run must have a valid outcome."""
     factors = [1e-9, 1e-3, 0.1, 0.5, 2.0, 10.0, 1e3, 1e9, -1.0]
     chosen = chance.sample(numbers(), chance.randint(1, 3))
     texts = [f"{key}={value * chance.choice(factors)!r}" for key, value in chosen]

@@ -5,7 +5,7 @@ from agrobot_mj.faults import Script
 
 
 def scripted(faults, ticks, seed=1):
-    """Return the conditions at each tick from the start."""
+    """Return the conditions due to a list of faults at each tick from the start."""
     script, found = Script(tuple(faults), seed), []
     state = script.init()
     for k in range(ticks):

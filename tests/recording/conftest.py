@@ -14,7 +14,8 @@ rr.set_strict_mode(True)
 
 @pytest.fixture(scope="session")
 def eight(tmp_path_factory):
-    """Return the start of the figure eight in MuJoCo with the network, ending between two observer calls."""
+    """Return the recording of a run of 25.4 s on the figure eight with the MuJoCo plant. The run ends between two
+    observer calls."""
     path = tmp_path_factory.mktemp("recording") / "new" / "run.rrd"
     scenario = load_scenario("figure_eight", {"duration_s": 25.4})
     return Recorded(path, run(scenario, (Recording(path),)))
@@ -22,7 +23,7 @@ def eight(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def signals(eight, tmp_path_factory):
-    """Return the columns of `signals.parquet` for this run, with NaN for missing values."""
+    """Return the columns of `signals.parquet` for the run of the fixture `eight`, with NaN for missing values."""
     folder = tmp_path_factory.mktemp("signals")
     write_log(eight.log, folder)
     table = pq.read_table(folder / "signals.parquet")
@@ -37,5 +38,5 @@ def unchanged():
 
 @pytest.fixture
 def short(unchanged):
-    """Return a copy of a log that a test may change and replay."""
+    """Return a copy of the log of a run of 21 s, which a test may change and replay."""
     return deepcopy(unchanged)

@@ -9,7 +9,7 @@ from agrobot_mj.recording import Recording
 
 
 class Recorded:
-    """Recording read by entity, with rows in chronological order."""
+    """Recording file from which tests read entities, with rows in chronological order."""
 
     def __init__(self, path, log=None):
         self.path, self.log = path, log
@@ -34,7 +34,7 @@ class Recorded:
         ]
 
     def column(self, entity, component):
-        """Return the times [ns] and the value at each time."""
+        """Return the times [ns] and values of a component of an entity, in chronological order."""
         found = []
         for batch in self._batches(entity, False):
             times = batch.column("sim_time").cast("int64").to_pylist()
@@ -50,7 +50,7 @@ class Recorded:
 
 
 def replay(log, path, scenario=None):
-    """Record a finished run again, in the same blocks as during the run."""
+    """Record a finished run again, in the same blocks as during the run, and return the recording."""
     rows, filled = log.rows, log.rows.filled
     recording = Recording(path)
     rows.filled = 0

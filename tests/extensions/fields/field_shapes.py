@@ -24,5 +24,5 @@ def machine(width=3.0, turn="clothoid", **path):
 
 @cache
 def default_plan(field, width=3.0):
-    """Return the plan of a field with default options, which several tests use."""
+    """Return the plan of a field with default options. The plan is computed once for all tests."""
     return make_plan(field, machine(width), Options())

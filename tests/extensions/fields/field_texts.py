@@ -1,4 +1,4 @@
-"""Texts of one field in every file format."""
+"""Texts that describe the same field in every supported file format."""
 
 import json
 
@@ -10,7 +10,7 @@ from agrobot_mj.extensions.fields.reading import read_field
 ORIGIN = Origin(58.4, 26.7)
 RING = np.array([(-150, -80), (150, -80), (150, 40), (20, 80), (-150, 80)], dtype=float)
 HOLE = np.array([(0, 0), (20, 0), (20, 15), (0, 15)], dtype=float)
-"""Boundary and hole [m]; the middle of the bounding box is at (0, 0)."""
+"""Boundary and hole of the field [m]. The middle of the bounding box is at (0, 0)."""
 AREA = 45_400.0 - 300.0  # Area of the boundary without the hole [m2], from the shoelace formula
 
 

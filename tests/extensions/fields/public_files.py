@@ -38,7 +38,8 @@ def git(folder: Path, *arguments: str) -> bytes:
 
 
 def copied(repository: str, commit: str, path: str, folder: Path, to: Path) -> Path | None:
-    """Copy a file and its companion files to the folder `to`; return its path, or None if the file is not available."""
+    """Copy a file and its companion files to the folder `to`. Return the path of the file, or None if the file is not
+    available."""
     source = folder / repository.replace("/", "+")
     if not source.is_dir():
         address = f"https://github.com/{repository}"

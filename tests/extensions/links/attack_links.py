@@ -34,7 +34,7 @@ class Hostile:
         return self._incoming(hostile(self.chance) for _ in range(self.chance.randrange(4)))
 
     def rest(self, turn: int, answered):
-        """Return the replies of the host, shuffled, possibly repeated, with a hostile datagram."""
+        """Return the replies of the host in random order, possibly repeated, together with a hostile datagram."""
         answers, self.answers = [*self.answers, hostile(self.chance)], []
         answers += answers[: self.chance.randrange(2)]
         self.chance.shuffle(answers)
@@ -44,7 +44,7 @@ class Hostile:
         return (Incoming(self.turn * 0.05, "127.0.0.1:9999", message) for message in messages)
 
     def send(self, data: bytes, target=None):
-        """Pass a datagram to the host, sometimes replaced by a hostile one."""
+        """Pass a datagram to the host, and sometimes a hostile datagram instead."""
         bent = hostile(self.chance) if self.chance.random() < 0.1 else data
         self.state, answers = self.guide.receive(self.state, bent, self.turn * 0.05)
         self.answers += answers
@@ -77,7 +77,8 @@ def guide() -> Guide:
 
 
 def datagrams(chance: random.Random) -> str:
-    """Send 200 messages to parser, board and host, or run a session of one second with hostile datagrams."""
+    """Send 200 messages to the parser, the board and the host, or run a session of one second with hostile
+    datagrams."""
     if chance.random() < 0.3:
         keys = {"guidance.kind": "agopengps", "plant.kind": "bicycle", "duration_s": 1.0}
         options = LinkOptions(start=chance.choice(["heard", "now", "engaged"]), wait_s=0.5)

@@ -14,7 +14,7 @@ from agrobot_mj.core.signals import TICK_S, Fix, Measurement, Quality, Truth
 
 @contextmanager
 def host_process(port, board_port, *arguments):
-    """Run the test host in a separate process within the block."""
+    """Run the test host in a separate process during the `with` block."""
     command = [sys.executable, host.__file__, f"--port={port}", f"--board-port={board_port}", "--duration=60"]
     process = subprocess.Popen([*command, *arguments], stderr=subprocess.PIPE, text=True)
     try:

@@ -74,7 +74,7 @@ def _bag() -> bytes:
 
 
 def logs(chance: random.Random) -> str:
-    """Describe or replay a damaged file of any format, which must be rejected with a message or read in part."""
+    """Describe or replay a damaged file of any format. The file must be rejected with a message or read in part."""
     content = chance.choice(list(good().values()))
     if chance.random() < 0.3:
         word = chance.choice(re.findall(rb"[\d.]+", content[:5000]) or [b"nothing"])

@@ -7,9 +7,8 @@ from agrobot_mj.extensions.logs.identify import fit
 
 @pytest.fixture
 def quick_fit(monkeypatch):
-    """Fit vehicle and sensors in one round with few noise samples.
-
-    The results are less accurate. The fixture is for tests of rejections, texts, files and large errors.
+    """Fit vehicle and sensors in one round with few noise samples. The results are less accurate, but sufficient for
+    tests of rejections, texts, files and large errors.
     """
     monkeypatch.setattr(fit, "ROUNDS", 1)
     monkeypatch.setattr(fit, "SHORT", 1)

@@ -12,7 +12,8 @@ STEP_S, WHEELBASE_M = 0.01, 2.5
 
 
 def path(duration=60.0, speed=2.0, swing_deg=8.0, reverse=()):
-    """Return time, signed speed, wheel angle, x, y and yaw of the rear axle at 100 Hz; `reverse` are intervals [s]."""
+    """Return time, signed speed, wheel angle, x, y and yaw of the rear axle at 100 Hz. `reverse` contains the intervals
+    of reverse travel [s]."""
     t = np.arange(0.0, duration, STEP_S)
     u = speed * (1 + 0.2 * np.sin(t / 7))
     for start, end in reverse:
@@ -24,7 +25,8 @@ def path(duration=60.0, speed=2.0, swing_deg=8.0, reverse=()):
 
 
 def field_log(driven, every=5, noise_m=0.01, ahead=0.0, signed=False, heading=True, seed=1, counts=None):
-    """Return the columns of a log with a row every `every` steps; `counts` converts angles [rad] to sensor counts."""
+    """Return the columns of a log with one row per `every` steps. The function `counts` converts angles [rad] to sensor
+    counts."""
     t, u, wheel, x, y, yaw = (each[::every] for each in driven)
     rng = np.random.default_rng(seed)
     noise = rng.standard_normal((5, len(t)))
@@ -41,7 +43,7 @@ def field_log(driven, every=5, noise_m=0.01, ahead=0.0, signed=False, heading=Tr
 
 
 def field_map(columns, **tables):
-    """Return the map of a log; `tables` contain changed keys of the map."""
+    """Return the map of a log. `tables` contains changed keys of the map."""
     found = {
         "time": {"column": "t"},
         "steer": {"column": "steer"},

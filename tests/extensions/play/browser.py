@@ -51,7 +51,7 @@ class Browser:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def ask(self, method, **params):
-        """Send a command and return the result."""
+        """Send a command of the DevTools protocol and return its result."""
         self.number += 1
         self.socket.send(json.dumps({"id": self.number, "method": method, "params": params}))
         while True:

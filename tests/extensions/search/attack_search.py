@@ -24,7 +24,8 @@ def names() -> tuple[str, ...]:
 
 
 def limits(chance: random.Random) -> str:
-    """Parse random conditions of a limit search. They must be rejected with a message or be valid for any metrics."""
+    """Parse random conditions of a limit search. The conditions must be rejected with a message or be valid for any
+    metrics."""
     warnings.simplefilter("error")
     for _ in range(20):
         text = "".join(chance.choice(WORDS) + chance.choice(SIGNS) for _ in range(chance.randint(1, 6)))

