@@ -77,7 +77,7 @@ NO_IMPLEMENT, ROUNDS = NoImplement(), 15  # Default implement, and number of rou
 
 
 class BareModel:
-    """MuJoCo model of a moving tractor, stepped without the simulator: the tyre forces are constant."""
+    """MuJoCo model of a moving tractor, stepped without the simulator and with constant tyre forces."""
 
     def __init__(self, scenario: Scenario) -> None:
         loop = Loop(scenario)
@@ -303,7 +303,8 @@ def physics_costs(repeats: int) -> str:
 
 
 def physics_over_bare(tyre: Any, implement: ImplementBase, repeats: int) -> float:
-    """Return the time of physics steps divided by the time of bare steps [-], on a grid of 200 x 200 nodes."""
+    """Return the time of physics steps with a tyre and an implement, divided by the time of bare steps [-], on a grid
+    of 200 x 200 nodes."""
     plant = moving(tyre, implement=implement)
     start = plant.save()
     return median(tyred_over_bare(plant, start) for _ in range(8 * repeats))
@@ -312,7 +313,7 @@ def physics_over_bare(tyre: Any, implement: ImplementBase, repeats: int) -> floa
 def tyred_over_bare(plant: MujocoPlant, start: MujocoState) -> float:
     """Return the time of 20 plant ticks from the state `start` divided by the time of as many bare steps [-].
 
-    Each bare tick starts from a state of the plant; otherwise the bare tractor would tip over and slow down the steps.
+    Each bare tick starts from a state of the plant. Otherwise the bare tractor would tip over and slow down the steps.
     """
     kind, rest, tyred, bare = mujoco.mjtState.mjSTATE_INTEGRATION, Drive(NEUTRAL_V, NEUTRAL_V), 0.0, 0.0
     begins = np.empty((20, mujoco.mj_stateSize(plant.model, kind)))

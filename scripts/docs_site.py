@@ -110,7 +110,7 @@ def outside(text: str, page: str) -> set[str]:
 
 
 def target_of(link: str, page: str) -> str:
-    """Return the path of a linked file relative to the checkout; `page` is relative to docs/."""
+    """Return the path of a linked file relative to the checkout. The path `page` is relative to docs/."""
     return normpath(join("docs", dirname(page), link))
 
 

@@ -27,7 +27,8 @@ from agrobot_mj.sensors import Sensors
 from agrobot_mj.simulation.columns import SIGNALS, WHEEL_SIGNALS
 
 NUMBERS = re.compile(r"<!-- (numbers of (\[\[?)([\w.]+)\]\]?((?: \w+)*)) -->")
-"""Pattern of the comment before a table of numbers: scenario table `[table]`, or `[[table]]` for a list, and kinds."""
+"""Pattern of the comment before a table of numbers. The comment contains a scenario table `[table]`, or `[[table]]` for
+a list of tables, and kinds."""
 HELPERS = {"sensors": {name: {"enabled": True} for name in ("gyro", "imu", "wheel_speed")}}
 """Overrides that enable the sensors required by estimators."""
 HEAD = """# Columns of signals.parquet
@@ -166,7 +167,7 @@ def kinds_table() -> str:
 TABLES = (
     *("plant", "implement", "plant.tyre", "terrain", "path", "guidance", "steering.loop", "controller", "estimator"),
 )
-"""Scenario tables with kinds, in the order of the page; faults have a separate page."""
+"""Scenario tables with kinds, in the order of the page. Faults have a separate page."""
 
 
 def faults_table() -> str:

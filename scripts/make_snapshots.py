@@ -1,7 +1,7 @@
 """Render the recording images of the documentation: tabs in docs/recordings.md, a comparison, and the gallery.
 
-Rendering requires the dependencies of `agrobot-mj snapshot` and takes five minutes. Images are 1280 pixels wide;
-gallery images show only the tractor. All images together are smaller than 9 MB. The script writes the version and
+Rendering requires the dependencies of `agrobot-mj snapshot` and takes five minutes. Images are 1280 pixels wide.
+Gallery images show only the tractor. All images together are smaller than 9 MB. The script writes the version and
 commit to docs/recordings.md.
 """
 

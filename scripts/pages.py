@@ -15,7 +15,7 @@ PAGES = {name: (name,) for name in ("machines", "performance")}
 PAGES |= {name: (name, f"{name}_tables") for name in ("estimators", "findings", "safety")}
 PAGES |= {"fields": ("field_studies",)}
 PAGES |= dict.fromkeys(("acquisition", "gains"), ("guidance_tables",))
-"""Pages by target of the Makefile. Each target is also a module in scripts/measured/."""
+"""Names of the pages that each target of the Makefile writes. Each target is also a module in scripts/measured/."""
 
 
 def main(arguments: list[str]) -> None:

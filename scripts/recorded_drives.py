@@ -27,7 +27,7 @@ Day = Callable[[float], Conditions]  # Function that returns the conditions for 
 
 
 class RecordedDrive(NamedTuple):
-    """True state at each tick of a run, with the scenario that defines sensors and tractor."""
+    """True states of a run at each tick, with the scenario that defines sensors and tractor."""
 
     scenario: Scenario
     truths: list[Truth]

@@ -41,7 +41,7 @@ def variants(name: str) -> dict[str, dict[str, Any]]:
 
 
 class Study:
-    """Study of a Makefile target: its pages, its runs, and the command-line options."""
+    """Study of a Makefile target, with its pages, its runs, and the command-line options."""
 
     def __init__(self, verb: str, pages: Sequence[str], parts: Sequence[str], doc: str | None, arguments: list[str]):
         """Create the study of the Makefile target `verb` for the named pages. `parts` contains the names of its parts,

@@ -26,9 +26,9 @@ PLANTS = ("bicycle", "mujoco")
 PD, ISGN, T1, T2, PI, LQR = "pd", "pd_isgn", "pd_t1fnn", "pd_t2fnn", "pi", "lqr"
 FASTER = "pd_t1fnn, faster"  # Type-1 network whose learning rate is close to the final rate of type 2
 STUDIES = {"paper": "claims", **{name: f"claims_{name}" for name in ("noise", "soil", "gain", "paths", "settling")}}
-"""Name of the sweep, by study."""
+"""Name of the sweep of each study."""
 SIGMAS: list[float] = shipped("claims_noise")["axes"]["sensors.gnss.sigma_m"]
-"""Standard deviations of the position in the noise study [m]. The paper's receiver has 0.02."""
+"""Standard deviations of the position in the noise study [m]. The receiver of the paper has 0.02 m."""
 TURNS = range(1, 1 + shipped("claims_settling")["set"]["path.turns"])
 """Numbers of the turns of the figure eight in the study of the parameter q of the type-2 network."""
 CONFIRMED, QUALIFIED, REFUTED = "confirmed", "qualified", "refuted"
@@ -95,7 +95,7 @@ def turn(name: str, number: int, factor: float = 1.0) -> Value:
 
 
 class Claims:
-    """Rows of all studies, with the statistics for claims and figures."""
+    """Rows of all studies, with methods that compute the statistics for claims and figures."""
 
     def __init__(self, rows: Sequence[Row]) -> None:
         self.rows = rows

@@ -1,6 +1,6 @@
 """Tables of docs/extensions/fields/field_studies.md: headland turns, and area effects of guidance errors on fields.
 
-The default size of a study is the size on the page; `--full` runs the full size (days on one core).
+By default, a study has the size stated on the page. With `--full`, it has the full size, which takes days on one core.
 """
 
 import json

@@ -17,7 +17,8 @@ from agrobot_mj.metrics.safety import OFF_M
 HEADS = ("failure", "runs", "stopped", "after [s]", "off the path at the end [m]", "largest [m]")
 HEADS += ("speed divided by command", "reason")
 FASTEST, LATE_S, FAR_M = 1.5, 5.0, 2.0
-"""Limits: speed divided by its command [-]; time [s] and distance off the path [m] within which a tractor must stop."""
+"""Acceptance limits: speed divided by its command [-], and time [s] or distance off the path [m] within which a tractor
+must stop."""
 BARS = {
     "fast": f"faster than {FASTEST} x its command",
     "far": f"farther off than {FAR_M:g} m and later than {LATE_S:g} s",
@@ -134,7 +135,7 @@ def bars_table(rows: list[Row]) -> str:
 
 
 def sane_text(rows: list[Row]) -> str:
-    """Return a text that counts the runs without fault and lists the stopped runs among them."""
+    """Return a text with the number of runs without fault, and with a list of the stopped runs among them."""
     stopped = [row for row in rows if row["outcome"] == "stopped"]
     lines = [f"{len(rows)} runs without failures, of which {len(stopped)} were stopped."]
     for row in stopped:

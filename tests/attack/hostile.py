@@ -14,7 +14,7 @@ from agrobot_mj.core.resources import SCENARIOS
 
 NUMBERS = ("nan", "inf", "-inf", "0", "-0.0", "-1", "1e308", "-1e308", "1e999", "5e-324", "1e9", "0x10", "0b1", "1_0")
 NUMBERS += ("0.9999999999999999", "9" * 400, "9" * 5000)
-"""Texts in place of a number."""
+"""Texts that the tests use in place of a number."""
 VALUES = (
     *NUMBERS,
     *("", " ", ".", "..", "-", "--", "*", "=", ":", ",", "None", "true", "é", "\ud800", "[bold]", "\x1b[31m", "a\nb"),

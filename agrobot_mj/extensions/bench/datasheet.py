@@ -7,7 +7,7 @@ drive are tested on a slope that increases until the machine rolls off or cannot
 
 Each parameter of a machine has a basis: measured, printed, identified or assumed. The basis of a key in the machine
 file is the first word of its comment, or of the comment above if the key has no comment. For a key that is not set in
-the file, the docstring states the basis. Values computed from the machine size have the basis "assumed".
+the file, the docstring of the key states the basis. Values computed from the machine size have the basis "assumed".
 """
 
 import re
@@ -63,7 +63,7 @@ class Measured(NamedTuple):
 def data_sheet(machine: str) -> Iterator[Measured]:
     """Measure a machine, given by name or path, and yield the lines of its data sheet.
 
-    Raises `ScenarioError` for an unknown machine, or a plant other than MuJoCo.
+    Raises `ScenarioError` for an unknown machine, or if the plant is not the MuJoCo plant.
     """
     scenario = load_scenario("straight_line", {"machine": machine, "implement": {"kind": "none"}})
     if not isinstance(scenario.plant, Mujoco):

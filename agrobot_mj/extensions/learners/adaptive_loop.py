@@ -176,7 +176,8 @@ class AdaptiveLoop(AngleLoop):
         return state._replace(piece=piece)
 
     def _fitted(self, state: AdaptiveState, piece: Stretch) -> AdaptiveState:
-        """Return the state updated with one time segment by rate = gain v - offset, with the mean spool voltage v."""
+        """Return the state after an update with one time segment by the equation rate = gain v - offset, with the mean
+        spool voltage v in the segment."""
         number, first = (0 if piece.side > 0 else 1), self._first()
         side, v, rate = state.sides[number], piece.volts / piece.time, piece.turned / piece.time
         noise = 2.0 * (NOISE / piece.time) ** 2
@@ -244,7 +245,7 @@ def _rate(sides: tuple[Side, Side], v: float) -> float:
 
 
 def _updated(side: Side, v: float, rate: float, noise: float, forgetting: float) -> Side:
-    """Return the valve parameters after one least-squares update with rate = gain v - offset.
+    """Return the valve parameters after one least-squares update with the equation rate = gain v - offset.
 
     `noise` is the variance of the rate [rad2/s2]. Forgetting increases the covariance only in the excited direction.
     """

@@ -110,7 +110,7 @@ class ImplementIlc(PlaceLearner):
     kind: Literal["implement_ilc"] = "implement_ilc"
     label: ClassVar = "ILC of the implement"
     inner: Annotated[LawInside | Ilc, Field(discriminator="kind")] = Lqr()
-    """Inner law, selected by its own `kind`. It follows the shifted line."""
+    """Inner law, which follows the shifted line, selected by its own `kind`."""
     bound_m: Annotated[float, Field(gt=0, le=3)] = 0.5
     """Maximum offset of the shifted line [m]. Assumed value (range 0.2-1): a trailer cuts bends of 5 m radius by 0.4
     m."""
@@ -147,7 +147,8 @@ class ImplementIlc(PlaceLearner):
         return ImplementIlcState(inner, lap, place.s, state.length, yaw, place.offset, beside, learning), command
 
     def _implement(self, state: ImplementIlcState, situation: Situation, dt: float) -> tuple[float, float, float]:
-        """Return the implement position x, y [m], measured or from the tractrix, and the tractrix heading [rad]."""
+        """Return the position of the implement x, y [m], which is measured or computed with the tractrix, and the
+        heading of the tractrix [rad]."""
         e, m, (x, y) = situation.estimate, situation.machine, situation.implement
         heading = wrap(e.yaw - e.sideslip)
         yaw, behind = heading if state.yaw != state.yaw else state.yaw, m.hitch_behind_m

@@ -87,10 +87,10 @@ class LapMap(Spec):
     """Learning rule for a map of a quantity over arc length."""
 
     gain: Annotated[float, Field(ge=0, le=1)] = 0.5
-    """Fraction of the correction added to the map in each lap [-]. Assumed value (range 0.3-0.6); at 0.7 maps may
+    """Fraction of the correction added to the map in each lap [-]. Assumed value (range 0.3-0.6). At 0.7 maps may
     diverge."""
     smoothing_m: Annotated[float, Field(ge=0.5, le=20)] = 2.0
-    """Full width of the smoothing filter at half maximum [m]. Assumed value (range 1.5-4); at 1 m maps may diverge."""
+    """Full width of the smoothing filter at half maximum [m]. Assumed value (range 1.5-4). At 1 m maps may diverge."""
     guard: bool = True
     """Whether the map of the best lap is restored when the cross-track error increases."""
 
@@ -104,7 +104,7 @@ class LapMap(Spec):
 
     def begun(self, s: float, lap: float, known: Learned | None = None, name: str = "") -> LapState:
         """Return the initial state at arc length `s` on a path with laps of length `lap` [m]. `known` contains a loaded
-        map, or is None."""
+        map with the quantity `name`, or is None for an empty map."""
         n = max(round(lap / GRID_M), 2)
         map_, best, error, wanted = (_resampled(known, key, n, lap) for key in _names(name))
         rms = float(np.sqrt(np.mean(error**2))) if known and error.max() < UNKNOWN_M else inf
@@ -170,7 +170,8 @@ class LapMap(Spec):
 
 
 def _met(state: LapState, k: int, error: float, correction: float | None) -> LapState:
-    """Return the state after a tick at location `k`. The sums of a location are stored when the tractor leaves it."""
+    """Return the state after a tick at location `k`. The sums of a location are stored when the tractor leaves the
+    location."""
     last, cell = state.cell
     if k != last:
         cells, here = state.cells.copy(), state.here.copy()
@@ -200,7 +201,8 @@ def _at(values: Array, turn: float) -> float:
 
 
 def _smooth(values: Array, width: float) -> Array:
-    """Return lap `values` (n,) after a zero-phase filter with a full width at half maximum of `width` locations."""
+    """Return the `values` of a lap, shape (n,), after a zero-phase filter whose full width at half maximum is `width`
+    locations."""
     sigma = width / sqrt(8.0 * log(2.0))
     omega = 2.0 * np.pi * np.fft.rfftfreq(len(values))
     return np.fft.irfft(np.fft.rfft(values) * np.exp(-0.5 * (sigma * omega) ** 2), len(values))

@@ -44,7 +44,8 @@ from agrobot_mj.extensions.learners.learning import ANGLE_COLUMNS, AngleLearner
 
 Q = 0.5  # Weight q of the lower firing in the output [-]
 LEAST_TRACE = 0.01
-"""Lower limit of trace . trace in the update of the consequents [-]. N rules with equal firing give 1/N."""
+"""Lower limit of the squared norm of the traces in the update of the consequents [-]. For N rules with equal firing,
+the squared norm is 1/N."""
 
 
 class PathInput(NamedTuple):
@@ -66,13 +67,14 @@ class PathNetwork(Spec):
     """Network of interval type-2 fuzzy sets over curvature, speed and roll, with consequents learned from feedback."""
 
     eta: NonNegative = 0.2
-    """Fraction of the feedback learned per second [1/s]. Assumed value (range 0.1-0.6); larger values cause
+    """Fraction of the feedback learned per second [1/s]. Assumed value (range 0.1-0.6). Larger values cause
     oscillation."""
     trace_s: Positive = 0.4
     """Time constant of the traces [s], equal to the delay plus the lag of the steering response. Assumed value (range
     0.2-0.8)."""
     uncertainty: float = Field(0.3, ge=0, lt=0.5)
-    """Relative difference of set width and centre distance [-]. Assumed value (range 0-0.49); at 0.5 sets have gaps."""
+    """Relative difference of set width and centre distance [-]. Assumed value (range 0-0.49). At 0.5 the sets have
+    gaps."""
     curvature_sets: int = Field(11, ge=1, le=51)
     """Number of curvature sets [-]. Assumed value (range 5-21), which spaces the centres by 0.1 1/m."""
     curvature_range_per_m: Positive = 0.5

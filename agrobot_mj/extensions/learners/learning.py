@@ -25,7 +25,7 @@ class LearningLaw(GuidanceLaw):
     """Base class of guidance laws that consist of an inner law and a learned part."""
 
     inner: GuidanceLaw
-    """Wrapped guidance law."""
+    """Inner law, which is a complete guidance law that the learned part extends."""
     max_offset_m: Positive
     """Lateral offset from the path above which learning is suspended [m]."""
     max_sigma_m: Positive = 0.1
@@ -36,13 +36,13 @@ class LearningLaw(GuidanceLaw):
     holds_lane_change: ClassVar = True
 
     def using(self, controller: YawController) -> GuidanceLaw:
-        """Return a copy of this law whose wrapped law uses the given yaw controller."""
+        """Return a copy of this law whose inner law uses the given yaw controller."""
         inner = self.inner.using(controller)
         return self if inner is self.inner else self.model_copy(update={"inner": inner})
 
     @property
     def follows_path(self) -> bool:
-        """Whether the wrapped law follows the path."""
+        """Whether the inner law follows the scenario path."""
         return self.inner.follows_path
 
     def sound(self, e: Estimate, offset: float) -> bool:

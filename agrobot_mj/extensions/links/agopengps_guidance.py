@@ -72,8 +72,8 @@ class AgOpenGps(GuidanceLaw):
     latch_s: Annotated[float, Field(gt=0, le=3600)] | Literal["never"] = 2.5
     """Time without messages after which the board is latched [s], at least `watchdog_s`, or "never".
 
-    A latched board does not steer until a message without the engaged bit arrives. AiO v2.5: 6.25 s (250 loops of 25
-    ms). Autosteer_UDP_v5: never.
+    A latched board does not steer until a message without the engaged bit arrives. The board firmware AiO v2.5 latches
+    after 6.25 s (250 loops of 25 ms), and Autosteer_UDP_v5 never latches.
     """
     released: Literal["hold", "centre"] = "hold"
     """Output of a board that does not steer: valve in neutral (`hold`), or wheels straight ahead (`centre`)."""
@@ -124,5 +124,5 @@ class AgOpenGps(GuidanceLaw):
         )
 
     def report(self, state: Actuation) -> Sequence[float]:
-        """Return the column values for a state, in the order of `columns`."""
+        """Return the values of the log columns for a state, in the order of `columns`."""
         return float(state.engaged), state.asked, state.cross_track

@@ -53,7 +53,7 @@ class CmdVel(GuidanceLaw):
         return "ros2"
 
     def init(self) -> VelocityRequest:
-        """Return the state before the first command."""
+        """Return the state of the guidance before the first velocity command."""
         return VelocityRequest()
 
     def update(self, state: VelocityRequest, situation: Situation, dt: float) -> tuple[VelocityRequest, Command]:
@@ -79,5 +79,5 @@ class CmdVel(GuidanceLaw):
         )
 
     def report(self, state: VelocityRequest) -> Sequence[float]:
-        """Return the column values for a state, in the order of `columns`."""
+        """Return the values of the log columns for a state, in the order of `columns`."""
         return state.speed, state.yaw_rate, state.age if state.age < inf else nan

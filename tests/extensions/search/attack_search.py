@@ -19,7 +19,7 @@ SIGNS = ("<", ">", "==", "!=", " and ", " or ", "+", "**", "not ", "(", ")", ","
 
 @cache
 def names() -> tuple[str, ...]:
-    """Return the names of the metrics of a run."""
+    """Return the names of the metrics of a run, which conditions may contain."""
     return tuple(metric_names(load_scenario("circle")))
 
 

@@ -67,7 +67,8 @@ GAINS: dict[str, dict[str, float]] = {
         "controller.network.alpha": 0.062,
     },
 }
-"""Gains of the guidance loops, by controller. With `pd`, one degree of steering angle changes the offset by 5.4 cm."""
+"""Gains of guidance law and controller, by kind of controller. With `pd`, one degree of steering angle changes the
+offset by 5.4 cm."""
 ESTIMATORS: dict[str, dict[str, Any]] = {
     "paper's sensors": {},
     "compensated": {"terrain_compensation": True},

@@ -21,7 +21,8 @@ BICYCLE = "bicycle"
 
 
 def tractor_of(mass_kg: float) -> TractorParameters:
-    """Return the default tractor scaled geometrically to a mass [kg], without explicit tyre properties."""
+    """Return the default tractor with masses, inertias and lengths scaled geometrically to a mass [kg]. Tyre keys are
+    not scaled."""
     p = TractorParameters()
     size = (mass_kg / p.mass_kg) ** (1 / 3)
     powers = {"_kg": 3, "_kg_m2": 5, "_m": 1}
@@ -54,7 +55,7 @@ class Check(NamedTuple):
 
     @property
     def line(self) -> str:
-        """One line of text with the result of the check."""
+        """Result of the check as one line of text."""
         theory = "" if self.theory is None else f", theory {self.theory:.4g}"
         unit = f" {self.unit}" if self.unit else ""
         return f"{self.manoeuvre}, {self.subject}: {self.quantity}: {self.measured:.4g}{unit}{theory}, band {self.band}"
@@ -69,28 +70,28 @@ class About(NamedTuple):
     unit: str
 
     def near(self, measured: float, theory: float, share: float) -> Check:
-        """Return a check with the acceptance band `theory` +- `share` times `theory`."""
+        """Return a check whose acceptance band is `theory` plus or minus the fraction `share` of `theory`."""
         room = share * abs(theory)
         return self._check(measured, theory, theory - room, theory + room, f"±{100 * share:g} %")
 
     def close(self, measured: float, theory: float, room: float) -> Check:
-        """Return a check with the acceptance band `theory` +- `room` [unit]."""
+        """Return a check whose acceptance band is `theory` plus or minus `room` [unit of the check]."""
         return self._check(measured, theory, theory - room, theory + room, f"±{room:g} {self.unit}".rstrip())
 
     def below(self, measured: float, limit: float) -> Check:
-        """Return a check with a maximum absolute value `limit` [unit]."""
+        """Return a check that passes if the magnitude of the value is at most `limit` [unit of the check]."""
         return self._check(measured, None, -limit, limit, f"< {limit:g} {self.unit}".rstrip())
 
     def none(self, measured: float) -> Check:
-        """Return a check of a count that must be zero."""
+        """Return a check that passes if the measured count is zero."""
         return self._check(measured, None, 0.0, 0.0, "none")
 
     def between(self, measured: float, low: float, high: float) -> Check:
-        """Return a check with the acceptance band from `low` to `high` [unit]."""
+        """Return a check whose acceptance band is from `low` to `high` [unit of the check]."""
         return self._check(measured, None, low, high, f"{low:g} to {high:g} {self.unit}".rstrip())
 
     def above(self, measured: float, limit: float) -> Check:
-        """Return a check with a minimum value `limit` [unit]."""
+        """Return a check that passes if the value is at least `limit` [unit of the check]."""
         return self._check(measured, None, limit, inf, f"> {limit:g} {self.unit}".rstrip())
 
     def reported(self, measured: float, theory: float | None = None) -> Check:

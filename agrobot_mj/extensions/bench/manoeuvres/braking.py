@@ -33,9 +33,10 @@ from agrobot_mj.tyres import Linear
 
 GRADE_DEG = 8.0
 FACING = {"nose up": 0.0, "nose down": 180.0}
-"""Direction of steepest ascent for a tractor facing east [deg], counter-clockwise from east, by its orientation."""
+"""Direction of steepest ascent [deg], counter-clockwise from east, by orientation of the tractor, which faces east."""
 CAPACITY_N_M, STOPPING_N_M = 1000.0, 700.0
-"""Brake torque capacity on the slope, and brake torque for stopping: half of the torque that locks the wheels [N m]."""
+"""Maximum torque of the brake, and brake torque in the stopping test, which is half of the torque that locks the wheels
+[N m]."""
 ROLLING_M_S = 0.0003
 """Speed above which the tractor counts as rolling [m/s]: 1 % of the speed for full rolling resistance."""
 FROM_M_S, TO_M_S = 2.5, 0.5
@@ -57,7 +58,8 @@ def released(plant: MujocoPlant, needed: float) -> float:
 
 
 def deceleration(plant: MujocoPlant) -> float:
-    """Return the deceleration on level ground from `FROM_M_S` to `TO_M_S` with the torque `STOPPING_N_M` [m/s2]."""
+    """Return the deceleration on level ground from `FROM_M_S` to `TO_M_S` with the brake torque `STOPPING_N_M`
+    [m/s2]."""
     plant.data.qvel[0] = 3.0
     for wheel, radius in zip(WHEELS, plant.tyred.tyres.radius, strict=True):
         plant.data.qvel[plant.model.joint(f"spin_{wheel}").dofadr[0]] = 3.0 / radius

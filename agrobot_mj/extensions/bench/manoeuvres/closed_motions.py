@@ -128,7 +128,8 @@ def tool_gains(motions: list[Cycle]) -> Array:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the work in random motions of a tool, and of a wheel with each tyre, with and without damping."""
+    """Yield checks that the ground does no positive work in random periodic motions, for a wheel with each tyre, with
+    and without damping, and for a soil tool."""
     rng = np.random.default_rng(SEED)
     motions = [cycle(rng) for _ in range(BRIEFLY if m.quick else MOTIONS)]
     some = motions[: len(motions) // 10]

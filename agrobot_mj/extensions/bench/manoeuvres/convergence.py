@@ -26,8 +26,8 @@ def lateral_rms(tyre: Any, dt: float, duration_s: float | None) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield a check for every tyre: how much the physics step changes the lateral error. Quick mode simulates only the
-    first seconds, on tyres with a force law."""
+    """Yield checks of the change of the RMS lateral error with the physics step, for every tyre. Quick mode simulates
+    only the first `BRIEFLY_S`, on tyres with a force law."""
     for tyre in force_tyres() if m.quick else tyres():
         coarse, fine = (lateral_rms(tyre, dt, BRIEFLY_S if m.quick else None) for dt in (STEP_S, STEP_S / 2))
         change = m.about("change of lateral rms, 2 ms to 1 ms", tyre.kind, "%")

@@ -55,7 +55,8 @@ def circle(driver: Driver, seconds: float, radius: float = RADIUS_M, speeds: Arr
 
 
 def paper_gradient(kind: str) -> float:
-    """Return the understeer gradient of the bicycle or the `linear` tyre by the formula of the paper [rad s2/m]."""
+    """Return the understeer gradient [rad s2/m] of the bicycle model, or of a tractor on `linear` tyres, by the formula
+    of the paper."""
     tyre, bicycle = Linear(), Bicycle()
     front, rear = bicycle.front_cornering_stiffness_n_rad, bicycle.rear_cornering_stiffness_n_rad
     if kind != BICYCLE:
@@ -64,7 +65,8 @@ def paper_gradient(kind: str) -> float:
 
 
 def theory(kind: str) -> float | None:
-    """Return the theoretical understeer gradient of a tyre [rad s2/m], or None for the contact model of MuJoCo."""
+    """Return the theoretical understeer gradient of a tractor [rad s2/m], or None for tyres without theory. `kind` is a
+    type of tyre, or `BICYCLE`."""
     if kind in (BICYCLE, Linear().kind):
         return paper_gradient(kind)
     if not tyre_of(kind).judged:

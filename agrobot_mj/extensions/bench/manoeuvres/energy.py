@@ -95,7 +95,8 @@ class Books:
         return np.array(self.plant.data.energy, dtype=np.float64)
 
     def step(self, drive: Drive) -> Any:
-        """Advance the plant by one physics step, add its energies to the sums, and return the truth."""
+        """Advance the plant by one physics step, add the energies of the step to the sums, and return the true
+        state."""
         plant, data = self.plant, self.plant.data
         before = data.qvel.copy()
         wheels = [Wheel(plant, i, self.normal) for i in range(4)]

@@ -22,7 +22,8 @@ BRIEFLY_S = 20.0  # Duration of the run in quick mode [s]
 
 
 def differences(kind: str, duration_s: float | None) -> tuple[float, float, float]:
-    """Return the maximum differences between the backends: position [m], yaw [rad], covariance [m2, rad2]."""
+    """Return the maximum differences between the estimates of both backends in a run: position [m], yaw [rad] and
+    covariance [m2, rad2]."""
     changes = {"estimator.kind": kind, **({"duration_s": duration_s} if duration_s else {})}
     sim = Simulation("figure_eight", changes)
     sim.reset()
@@ -44,8 +45,8 @@ def _numbers(estimate: Estimate) -> Array:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the backend differences for `ekf` and `ekf_bias`. Quick mode simulates only the first
-    `BRIEFLY_S`."""
+    """Yield checks of the differences between the backends for `ekf` and `ekf_bias`. Quick mode simulates only the
+    first `BRIEFLY_S`."""
     for kind in KINDS:
         found = differences(kind, BRIEFLY_S if m.quick else None)
         for quantity, unit, value in zip(

@@ -104,7 +104,7 @@ class Hauler:
 
 
 def turns(m: Trial, implement: ImplementBase, theory: Any, words: str, seconds: float) -> Iterator[Check]:
-    """Yield checks of yaw-rate gain and hitch angle against theory, at several speeds."""
+    """Yield checks that compare yaw-rate gain and hitch angle with theory, at several speeds."""
     hauler = Hauler(m, implement)
     for speed in SPEEDS_M_S:
         found = hauler.drive(speed, seconds, STEER)
@@ -134,7 +134,8 @@ def off_tracking(m: Trial, seconds: float) -> Check:
 
 
 def pulls(m: Trial, seconds: float) -> Iterator[Check]:
-    """Yield checks of the draught against the standard's formula, and of the pull against the sum of resistances."""
+    """Yield checks that compare the draught with the formula of the standard, and the pull with the sum of
+    resistances."""
     tyre, row = MagicFormula(), TOOLS[CHISEL.type]
     hauler = Hauler(m, Drawn(lowered=True, tool=CHISEL), tyre)
     for speed in SPEEDS_M_S[:2]:

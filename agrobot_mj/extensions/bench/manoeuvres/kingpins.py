@@ -62,7 +62,8 @@ def driver_of(plant: MujocoPlant, speed: float) -> Driver:
 
 
 def sweep(driver: Driver, machine: Machine, middle_deg: float = 0.0) -> Turning:
-    """Steer left, right, left. Return the mean torques of the last two sweeps, within `WITHIN_DEG` of `middle_deg`."""
+    """Steer to the left, to the right, and to the left again. Return the mean torques of the last two sweeps at
+    steering angles within `WITHIN_DEG` of `middle_deg` [deg]."""
     torques: dict[int, list[float]] = {1: [], -1: []}
     for turn, side in enumerate((1, -1, 1)):
         for _ in range(200):

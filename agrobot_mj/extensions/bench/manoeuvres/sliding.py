@@ -30,7 +30,8 @@ LOAD_N = TRACTOR.rear_axle_load / 2
 
 
 def lean(tyre: Any, forward: float, left: float, rim: float) -> float:
-    """Return the angle between the tyre force and the direction opposite to sliding [deg], at given speeds [m/s]."""
+    """Return the angle between the tyre force and the direction opposite to sliding [deg], for the forward and leftward
+    speed of the wheel centre and the speed of its rim [m/s]."""
     setting = Setting(forward, atan2(left, forward), rim / forward - 1.0, LOAD_N)
     reading = Rig(tyre, TRACTOR, REAR).steady(setting)
     power = reading.fx * (rim - forward) - reading.fy * left

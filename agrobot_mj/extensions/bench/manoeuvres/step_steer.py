@@ -37,7 +37,8 @@ SPEED_M_S, STEER = 4.0, radians(3.0)
 PULSE_S, PHYSICS_S = 3 * TICK_S, 0.002
 BAND = 0.02  # Acceptance limit of the steady gain and of the RMS yaw-rate deviation [relative]
 TRANSIENT_BAND = 0.10
-"""Acceptance limit of the overshoot [relative]. It is wide, because the overshoot is a small yaw-rate difference."""
+"""Acceptance limit of the overshoot [relative]. The limit is wide, because the overshoot is a small difference of yaw
+rates."""
 
 
 class Step(NamedTuple):
@@ -97,7 +98,8 @@ def step(plant: Any, truth: Truth, seconds: float) -> Step:
 
 
 def theory(kind: str) -> float | None:
-    """Return the theoretical steady yaw rate per steering angle [1/s], or None for MuJoCo's contact model."""
+    """Return the theoretical steady yaw rate divided by the steering angle [1/s], or None for MuJoCo's contact
+    model."""
     L = TractorParameters().wheelbase_m
     if kind == BICYCLE:
         return SPEED_M_S / (L + paper_gradient(kind) * SPEED_M_S**2)
@@ -113,7 +115,8 @@ def theory(kind: str) -> float | None:
 
 
 def relaxed_bicycle(steer: Array) -> Array:
-    """Return yaw rates of a bicycle with relaxing `linear` tyres and roll [rad/s], for the angles `steer` [rad]."""
+    """Return the yaw rate at each tick [rad/s] of a bicycle model with relaxation of `linear` tyres and with roll, for
+    the steering angles `steer` at each tick [rad]."""
     p, tyre, u, b = TractorParameters(), Linear(), SPEED_M_S, parts(STOCK)
     m, I_z, l_f, l_r = p.mass_kg, p.yaw_inertia_kg_m2, p.cg_to_front_axle, p.cg_to_rear_axle
     C_f, C_r = 2 * tyre.front_cornering_stiffness_n_rad, 2 * tyre.rear_cornering_stiffness_n_rad

@@ -42,7 +42,8 @@ from agrobot_mj.tyres.base import Footing, Slip, TyreLaw
 from agrobot_mj.tyres.laws import TRAIL_SLIP, tyre_set
 
 ROLLING_M_S = 1.0
-"""Speed for evaluating tyre laws [m/s]. It is high enough for forces that fade out near standstill."""
+"""Speed for evaluating tyre laws [m/s]. At this speed, forces that fade out near standstill have their full
+magnitude."""
 
 
 STOCK, LINEAR = TractorParameters(), Linear()
@@ -61,7 +62,8 @@ class Parts(NamedTuple):
 
 
 def parts(tractor: TractorParameters) -> Parts:
-    """Return masses and positions of both bodies from the compiled MuJoCo model at static load."""
+    """Return masses and positions of the body and of the front assembly, from the compiled MuJoCo model at static
+    load."""
     model = tractor_spec(Machine(tractor)).compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)

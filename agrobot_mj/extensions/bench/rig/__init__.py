@@ -1,6 +1,6 @@
 """Tyre test rig: one tractor wheel on level ground with prescribed speed, slip angle, slip ratio and load.
 
-The forces are computed by the tyre kernel of the tractor (`wheel`) or, for `contact`, by MuJoCo (`towed`).
+The forces are computed by the tyre kernel of the tractor (`wheel`) or, for the tyre `contact`, by MuJoCo (`towed`).
 `rig_command` measures a tyre and writes `curves.parquet` (see `sweep`) and figures.
 """
 
@@ -19,7 +19,8 @@ __all__ = ["FRONT", "REAR", "Rig", "Setting", "Towed", "load_specimen", "rig_com
 
 
 def rig_command(source: str, out: Path) -> list[Path]:
-    """Measure a tyre (type or TOML file) on the rig. Write curves and figures to `out` and return the files."""
+    """Measure a tyre, given by type or TOML file, on the rig. Write curves and figures to `out`, and return the file
+    paths."""
     specimen = load_specimen(source)
     with results(out, ("curves.parquet", *(f"{draw.__name__}.png" for draw in FIGURES))):
         try:

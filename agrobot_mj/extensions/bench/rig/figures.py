@@ -1,6 +1,6 @@
 """Figures of measurements on the tyre rig, in the style of the reports: PNG files with one panel per axle.
 
-Forces and slips keep their signs: a lateral force is opposite to its slip angle.
+Forces and slips keep their signs: a lateral force has the opposite sign of its slip angle.
 """
 
 from collections.abc import Callable, Sequence
@@ -48,7 +48,8 @@ def aligning(table: pa.Table) -> Figure | None:
 
 
 def combined(table: pa.Table) -> Figure:
-    """Plot lateral versus longitudinal force at several slip angles, with the ellipse through the pure-slip maxima."""
+    """Plot lateral versus longitudinal force at several slip angles, with an ellipse through the maximum forces at pure
+    slip."""
     figure, grid = _panels(table, height=2.9)
     for axes, axle in grid:
         rows = _rows(table, test="combined", axle=axle)

@@ -9,8 +9,8 @@ only), `fx_n`, `fy_n`, `mz_n_m`, `grounded` (see `wheel.Reading`). Rows by `test
     step           response versus the distance after a step in slip angle, at every speed, for tyres with relaxation
     contact        small slip angles with MuJoCo's contact model at every speed, front axle, for comparison
 
-A tyre is given by its type or by a TOML file with its keys at the top level, in `[tyre]`, or in `[plant.tyre]` as in a
-scenario. A `[tractor]` table sets sizes and loads.
+A tyre is given by its type, or by a TOML file that contains the keys of the tyre at the top level, in `[tyre]`, or in
+`[plant.tyre]` as in a scenario. The table `[tractor]` of the file sets sizes and loads.
 """
 
 from collections.abc import Iterable, Iterator
@@ -94,7 +94,7 @@ STEP_LENGTHS, STEP_ROWS = 4.0, 200
 """Distance recorded after a slip-angle step [relaxation lengths], and number of table rows of the response."""
 COLUMNS = ["test", "tyre", "axle", "speed_m_s", "load_n", "slip_angle_rad", "slip_ratio", "distance_m"]
 COLUMNS += ["fx_n", "fy_n", "mz_n_m", "grounded"]
-"""Columns of the results table."""
+"""Names of the columns of the results table."""
 
 Row = tuple[str | float | None, ...]
 

@@ -1,6 +1,6 @@
 """Rig for MuJoCo's contact model, which has no tyre kernel: a sled tows the wheel of the tractor in MuJoCo.
 
-The wheel is that of `models/tractor.xml`. The sled keeps its heading along x and its velocity, carries the load as
+The wheel is taken from `models/tractor.xml`. The sled keeps its heading along x and its velocity, carries the load as
 mass, and moves freely upwards. Before sliding, the force is viscous,
 
     F_y = -c v_y,        c = n b impratio m d / (1 - d),
@@ -41,7 +41,7 @@ class Towed:
         self.load = 0.0
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Return one `Reading` per time step of a motion over `distance_m` [m] that starts suddenly, shape (steps,
+        """Impose the motion of a setting over `distance_m` [m]. Return one `Reading` per time step, shape (steps,
         5)."""
         self._carry(setting.load)
         model, data = self.model, self.data
@@ -55,7 +55,7 @@ class Towed:
         return out
 
     def steady(self, setting: Setting) -> Reading:
-        """Return forces, moment and contact fraction in steady state, averaged over time."""
+        """Return forces, moment and fraction of time in contact with the ground in steady state, averaged over time."""
         readings = self.history(setting, STEADY_S * setting.speed)
         return Reading(*readings[len(readings) // 2 :].mean(axis=0).tolist())
 

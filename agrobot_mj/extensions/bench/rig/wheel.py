@@ -1,7 +1,7 @@
 """Tyre rig with one wheel on level ground, computed by the tyre kernel of the tractor.
 
-The wheel centre moves at a constant velocity and height. The wheel's heading is along x, and its spin is imposed.
-Forces are those reported by the kernel. The moment is the vertical component of the kernel's wrench.
+The wheel centre moves at a constant velocity and height. The wheel's heading is along x, and its spin is imposed. The
+forces are reported by the kernel. The moment is the vertical component of the kernel's wrench.
 """
 
 from typing import NamedTuple, Protocol
@@ -58,11 +58,11 @@ class TestBench(Protocol):
     """Relaxation length of the tyre [m], or 0 for a tyre without relaxation."""
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Return one `Reading` per time step of a motion over `distance_m` [m] that starts suddenly, shape (steps,
+        """Impose the motion of a setting over `distance_m` [m]. Return one `Reading` per time step, shape (steps,
         5)."""
 
     def steady(self, setting: Setting) -> Reading:
-        """Return the forces, the moment and the contact fraction in steady state."""
+        """Return forces, moment and fraction of time in contact with the ground in steady state."""
 
 
 @jit
@@ -94,14 +94,14 @@ class Rig:
             raise ValueError(f"the relaxation length must be at most {MOST_RADII:g} wheel radii, got {radii:g}")
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Return one `Reading` per time step of a motion over `distance_m` [m] that starts with undeflected bristles,
-        shape (steps, 5)."""
+        """Impose the motion of a setting over `distance_m` [m], starting with undeflected bristles. Return one
+        `Reading` per time step, shape (steps, 5)."""
         out = np.zeros((max(2, round(distance_m / (setting.speed * self.dt))), 5))
         drive_wheel(self.tyres, self.wheel, self.ground, setting, self.dt, out)
         return out
 
     def steady(self, setting: Setting) -> Reading:
-        """Return the forces, the moment and the contact fraction in steady state."""
+        """Return forces, moment and fraction of time in contact with the ground in steady state."""
         return Reading(*self.history(setting, SETTLE_LENGTHS * self.relaxation_at(setting.load))[-1].tolist())
 
     def relaxation_at(self, load: float) -> float:

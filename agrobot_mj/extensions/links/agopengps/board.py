@@ -42,7 +42,7 @@ SOFT_ZONE_DEG = 3.0
 """Steering error below which the PWM limit is proportional to the error [deg], as in AgOpenGPS boards."""
 LOW_OVER_MIN = 1.2  # PWM limit at zero steering error divided by the minimum PWM [-], as in AgOpenGPS boards
 OFFSET_SIGN = {"agopengps": 1, "agopenweb": -1}
-"""Sign of the offset that a board adds to the sensor counts, by dialect."""
+"""Sign of the offset that a board adds to the sensor counts, by message dialect of the host."""
 INVERT_SENSOR, INVERT_MOTOR = 0x01, 0x04  # Bits of `SteerConfig.set0`: inverted sensor, inverted motor
 
 
@@ -62,7 +62,8 @@ def angle_of(counts: float, settings: SteerSettings, host: str) -> float:
 
 
 def true_angle(believed: float, per_degree: int, settings: SteerSettings, config: SteerConfig, host: str) -> float:
-    """Return the true steering angle at which the board computes `believed` [rad], as the inverse of `angle_of`."""
+    """Return the true steering angle at which the board computes the angle `believed` [rad]. This is the inverse of
+    `angle_of`."""
     angle = -degrees(believed)
     if angle < 0:
         angle *= 100 / max(settings.ackermann, 1)
@@ -86,7 +87,7 @@ def pwm_of(error: float, settings: SteerSettings) -> int:
 
 
 def voltage_of(pwm: int, config: SteerConfig) -> float:
-    """Return the valve voltage for a PWM [V]. Voltages above neutral steer to the left."""
+    """Return the valve voltage for a motor PWM [V]. Voltages above neutral steer to the left."""
     sign = -1 if config.set0 & INVERT_MOTOR else 1
     return NEUTRAL_V + sign * NEUTRAL_V * pwm / FULL_PWM
 
@@ -199,7 +200,8 @@ class Board(NamedTuple):
         return state._replace(reported_at=t), (encode(answer),)
 
     def report_if_due(self, state: BoardState, t: float) -> tuple[BoardState, tuple[bytes, ...]]:
-        """Return the result of `report` if the last report was sent at least `FALLBACK_S` ago, otherwise no message."""
+        """Return the result of `report` if the last report was sent at least `FALLBACK_S` ago, otherwise the unchanged
+        board state and no message."""
         due = t - state.reported_at > FALLBACK_S - 1e-6
         return self.report(state, t) if due else (state, ())
 

@@ -57,7 +57,7 @@ class _Sockets:
 
 
 class RealTime(_Sockets):
-    """Sockets in real time. One simulated second takes `slower` wall-clock seconds."""
+    """Channel over sockets in real time. One simulated second takes `slower` wall-clock seconds."""
 
     def __init__(self, sockets: UdpSockets, slower: float = 1.0) -> None:
         super().__init__(sockets)
@@ -75,7 +75,7 @@ class RealTime(_Sockets):
 
 
 class Answered(_Sockets):
-    """Sockets paced by the host. The run continues as soon as the host has replied to a position.
+    """Channel over sockets, paced by the host. The run continues as soon as the host has replied to a position.
 
     This pace is suitable for hosts that accept positions at any rate. Without replies, the run is in real time.
     """
@@ -85,7 +85,8 @@ class Answered(_Sockets):
         self.pace, self.alive = None, False
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Return the datagrams received so far, after a wait for the rest of the tick if the host did not reply."""
+        """Return the datagrams received since the previous cycle. If the host did not reply in that cycle, wait first
+        for the rest of the tick."""
         wait = 0.0 if self.alive else TICK_S - BOARD_LOOP_S
         return self._received(time.perf_counter() + wait)
 

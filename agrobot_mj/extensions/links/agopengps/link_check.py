@@ -17,7 +17,8 @@ CHECK_S = 20.0  # Duration of a check [s]
 SURE_M = 0.3  # Maximum half width of the 95 % interval of an identified antenna position [m]. Assumed value.
 ANTENNA_ROWS = 10  # Half of the minimum number of GNSS positions for estimating the antenna position [-]
 TURNING = 0.02
-"""Minimum RMS yaw rate for estimating the wheelbase [rad/s]. Assumed value, as in bends of 75 m radius at 1.5 m/s."""
+"""Minimum RMS yaw rate for estimating the wheelbase [rad/s]. Assumed value, reached in bends of 75 m radius at 1.5
+m/s."""
 
 
 def check_lines(scenario: Scenario, log: Log, block: dict[str, Any]) -> Iterator[str]:

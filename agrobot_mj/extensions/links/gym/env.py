@@ -45,7 +45,7 @@ SEEDS = 2**31  # Number of possible seeds of an episode
 
 
 def check_ranges(ranges: Mapping[str, Range]) -> None:
-    """Raise `ScenarioError` for an invalid range or list of values, and for the key `seed`."""
+    """Raise `ScenarioError` if `ranges` contains an invalid range, an invalid list of values, or the key `seed`."""
     for key, values in ranges.items():
         if key == "seed":
             raise ScenarioError("randomise: seed: the seed differs in every episode; omit this key")
@@ -57,7 +57,8 @@ def check_ranges(ranges: Mapping[str, Range]) -> None:
 
 
 def draw(ranges: Mapping[str, Range], generator: Generator) -> dict[str, Any]:
-    """Return the overrides for one episode, sampled in the order of `ranges`, and the seed of the episode."""
+    """Return the scenario overrides for one episode: values sampled in the order of `ranges`, and the seed of the
+    episode."""
     drawn: dict[str, Any] = {"seed": int(generator.integers(SEEDS))}
     for key, values in ranges.items():
         if isinstance(values, list):
@@ -141,7 +142,8 @@ class FollowPath(gymnasium.Env[Any, Any]):
             return self._observe(), self._info() | {"drawn": drawn}
 
     def step(self, action: Array) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
-        """Advance one tick. Return observation, reward, terminated, truncated, and info with true values."""
+        """Advance the simulation by one tick. Return observation, reward, terminated, truncated, and info with true
+        values."""
         sim = self._running
         values = [float(value) for value in np.asarray(action, dtype=np.float64).ravel()]
         if len(values) != (wanted := 2 if self.speed else 1):

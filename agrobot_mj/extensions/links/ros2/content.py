@@ -76,7 +76,7 @@ NOT_MEASURED = [-1.0, *[0.0] * 8]  # Covariance that marks an unmeasured quantit
 
 
 class Site(NamedTuple):
-    """Scenario values that are needed for messages: origin, geometry and sensor noise."""
+    """Scenario values from which messages are computed: geographic origin, geometry and sensor noise."""
 
     origin: Origin
     antenna: tuple[float, float, float]  # Position of the antenna in `base_link`: ahead, to the left and up [m]
@@ -174,7 +174,7 @@ def imu(s: TickSample, site: Site, yaw: float, at: Content) -> Content:
 
 
 def joint_states(s: TickSample, site: Site, at: Content) -> Content:
-    """Return the `sensor_msgs/JointState` message with the bicycle model's front wheel and, if measured, the rear
+    """Return `sensor_msgs/JointState` with the measured steering angle and, if measured, the speed of the rear
     wheels."""
     spin = [] if isnan(s.wheel_speed) else [s.wheel_speed / site.wheel_radius]
     return {

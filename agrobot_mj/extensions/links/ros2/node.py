@@ -134,7 +134,7 @@ def message_class(kind: str) -> Any:
 
 
 def fill(message: Any, content: Content) -> None:
-    """Set the fields of a message, including nested messages, from plain data."""
+    """Set the fields of a ROS message, including nested messages, from a dictionary."""
     for name, value in content.items():
         if isinstance(value, dict):
             fill(getattr(message, name), value)

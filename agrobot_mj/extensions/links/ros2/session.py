@@ -72,7 +72,8 @@ class Port(Protocol):
         ...
 
     def problem(self) -> str:
-        """Return the reason why no commands arrive, with a remedy, or an empty string if the reason is unknown."""
+        """Return the reason why no commands arrive on /cmd_vel, with a remedy, or an empty string if the reason is
+        unknown."""
         ...
 
 

@@ -25,7 +25,7 @@ from agrobot_mj.studies import Task, about, check_tractors, study, write_json
 from agrobot_mj.studies.style import write_figure
 
 FAILURE = {"run.rrd": "failure.rrd", "signals.parquet": "failure.parquet", "scenario.toml": "failure.toml"}
-"""Files of the failing run, with their names in the results folder."""
+"""Names of the files of the failing run, and of their copies in the results folder."""
 FILES = ("falsify.json", "falsify.png", *FAILURE.values())
 """Files that a falsification writes. Without a failing combination, the files of the failing run are missing."""
 

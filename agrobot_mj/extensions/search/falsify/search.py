@@ -27,7 +27,7 @@ NOT_FOUND = "not_found"  # Verdict of a search without a failing combination
 
 
 class Varied(NamedTuple):
-    """Varied key with its unit of distance: the width of its range or its standard deviation."""
+    """Key that the search varies, with its unit of distance: the width of its range, or its standard deviation."""
 
     key: str
     start: float  # Value at distance 0: the mild end of the range, or the mean
@@ -46,21 +46,23 @@ class Varied(NamedTuple):
 
     @classmethod
     def ranged(cls, key: str, mild: float, hard: float) -> "Varied":
-        """Return a key with the range from `mild` to `hard`. Raises `ScenarioError` for invalid ends of the range."""
+        """Return a varied key with the range from `mild` to `hard`. Raises `ScenarioError` for invalid ends of the
+        range."""
         if not (isfinite(mild) and isfinite(hard) and isfinite(hard - mild)) or mild == hard:
             raise ScenarioError(f"--vary {key}={mild:g}:{hard:g}: specify two different numbers, the mild one first")
         return cls(key, mild, hard - mild)
 
     @classmethod
     def spread(cls, key: str, mean: float, deviation: float) -> "Varied":
-        """Return a key with a normal distribution. Raises `ScenarioError` for an invalid mean or deviation."""
+        """Return a varied key with a normal distribution. Raises `ScenarioError` for an invalid mean or standard
+        deviation."""
         if not (isfinite(mean) and isfinite(deviation) and deviation > 0):
             raise ScenarioError(f"--vary {key}: specify normal = [mean, standard deviation], with a deviation above 0")
         return cls(key, mean, deviation, -FARTHEST, FARTHEST)
 
 
 class FalsifyQuestion(NamedTuple):
-    """Settings of a falsification."""
+    """Settings of a falsification, which searches for the smallest failing change of a scenario."""
 
     varied: tuple[Varied, ...]
     until: str

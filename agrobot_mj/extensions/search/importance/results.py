@@ -173,7 +173,8 @@ def noise_share(values: Array) -> float | None:
 
 
 def _groups(folder: Path, file: dict[str, Any], rows: Rows, metric: str) -> dict[str, tuple[Array, Array]]:
-    """Return samples (points, d) and metric (points, seeds) by group. Raises `ScenarioError` for missing values."""
+    """Return the sampled parameters (points, d) and the metric (points, seeds) of each group of runs. Raises
+    `ScenarioError` for missing values."""
     sizes = [max(len(file.get("variant", ())), 1), *(len(values) for values in file.get("axes", {}).values())]
     points, seeds = points_of(file["method"], file["samples"], len(file["draws"])), len(file["seeds"])
     total = prod(sizes) * points * seeds

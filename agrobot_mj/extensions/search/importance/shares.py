@@ -3,8 +3,8 @@
 Screening is a standardised linear regression of the metric on the ranks of all random parameters (draws) of a sweep.
 Ranks make logarithmic ranges linear. The squared slope of a parameter is the fraction of the variance that it explains
 linearly, which underestimates its importance. Variance that is neither linear nor noise of the seeds may belong to any
-parameter through curvature or interactions. It is added to the upper end of every interval. Standard errors are HC3
-[MacKinnonWhite1985], valid for residuals of unequal variance.
+parameter through curvature or interactions. This variance is added to the upper end of every interval. Standard errors
+are HC3 [MacKinnonWhite1985], valid for residuals of unequal variance.
 
 Sobol indices [Saltelli2010] of a sweep with `method = "saltelli"` are computed by SALib, with bootstrap intervals. The
 first-order index of a parameter is the fraction of the variance removed when its value is known. The total index, with

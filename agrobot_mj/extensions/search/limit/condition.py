@@ -112,7 +112,8 @@ class Condition:
         return holds
 
     def _side(self, term: ast.expr) -> tuple[str, Callable[[Numbers], Any]]:
-        """Return type ("outcome", "word", "metric", "number") and value function of one side of a comparison."""
+        """Return the type of one side of a comparison ("outcome", "word", "metric" or "number"), and a function that
+        returns its value for the metrics of a run."""
         signed = isinstance(term, ast.UnaryOp) and isinstance(term.op, ast.USub | ast.UAdd)
         inner = term.operand if isinstance(term, ast.UnaryOp) and signed else term
         if isinstance(inner, ast.Constant) and type(inner.value) in (int, float):

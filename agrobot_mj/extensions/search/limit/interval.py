@@ -10,7 +10,8 @@ from agrobot_mj.core.roots import root
 
 PRIOR_FAILURES = 0.2
 """Second parameter of the beta distribution of success rates [-]. The first parameter is 1. Values below 1 favour rates
-near 1. With 0.2, 12 successes confirm a rate of 80 % at 80 % confidence; any sequential test needs at least 11."""
+near 1. With 0.2, 12 successes confirm a rate of 80 % at 80 % confidence. Any sequential test needs at least 11
+successes."""
 NEAR = 1e-12  # Minimum distance of an evaluated rate from 0 and 1 [-]
 
 

@@ -99,7 +99,7 @@ class Found(NamedTuple):
 
 
 def metric_names(scenario: Scenario) -> list[str]:
-    """Return the names of the numeric metrics of a scenario. They are determined by a short run."""
+    """Return the names of the numeric metrics of a scenario, which are determined by a short run."""
     numbers = flat(run(scenario.changed({"duration_s": TRIAL_S})).metrics)
     return [name for name, value in numbers if name not in WALL and (value is None or isinstance(value, int | float))]
 

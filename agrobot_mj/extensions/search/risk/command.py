@@ -98,7 +98,8 @@ def worth_of(done: Sequence[Population]) -> float:
 
 
 def content(scenario: Scenario, q: RiskQuestion, found: Risk) -> dict[str, Any]:
-    """Return the content of `risk.json`: settings, result, splitting runs, and seed and branches of a failed run."""
+    """Return the content of `risk.json`: settings, result, executions of the splitting algorithm, and seed and branches
+    of a failed run."""
     failures = [found.failure] if found.failure else []
     return {
         **about(scenario),
@@ -117,9 +118,9 @@ def content(scenario: Scenario, q: RiskQuestion, found: Risk) -> dict[str, Any]:
 def figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: str | None) -> Figure:
     """Return a figure of the probability of exceeding each level of the margin, and of the trajectories of two runs.
 
-    Thin lines are splitting runs, the thick line is their mean, and the dashed line is the failure probability. Levels
-    are extrapolated margins or values of `score`. They differ from the margins in the other panel, and a level above 0
-    is not necessarily a failure.
+    Each thin line is one execution of the splitting algorithm, the thick line is their mean, and the dashed line is the
+    failure probability. Levels are extrapolated margins or values of `score`. They differ from the margins in the other
+    panel, and a level above 0 is not necessarily a failure.
     """
     drawn, chances, _ = courses_figure(courses, ("a run", "a failure"))
     levels, mean = _mean(splits)

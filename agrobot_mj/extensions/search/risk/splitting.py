@@ -105,7 +105,7 @@ class RiskEstimate(NamedTuple):
 
 
 def estimate(splits: Sequence[Split], particles: int) -> RiskEstimate:
-    """Return the mean of independent splitting runs with its interval.
+    """Return the mean failure probability of independent executions of the splitting algorithm, with its interval.
 
     If no splitting was necessary, the interval is a Wilson interval. Without failures, the upper end is the upper end
     of a Wilson interval for the runs of the last rounds, multiplied by the weight of these runs.
