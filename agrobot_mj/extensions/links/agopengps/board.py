@@ -39,7 +39,7 @@ from agrobot_mj.extensions.links.agopengps_guidance import Actuation, AgOpenGps
 
 FULL_PWM = 255  # Maximum output of the motor driver [PWM counts]
 SOFT_ZONE_DEG = 3.0
-"""Steering error below which the PWM limit is proportional to the error [deg], as in AgOpenGPS boards."""
+"""Steering error below which the PWM limit increases linearly with the error [deg], as in AgOpenGPS boards."""
 LOW_OVER_MIN = 1.2  # PWM limit at zero steering error divided by the minimum PWM [-], as in AgOpenGPS boards
 OFFSET_SIGN = {"agopengps": 1, "agopenweb": -1}
 """Sign of the offset that a board adds to the sensor counts, by message dialect of the host."""

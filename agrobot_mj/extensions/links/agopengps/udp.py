@@ -29,7 +29,7 @@ class Incoming(NamedTuple):
     wall: float  # Arrival time [s]: value of `time.perf_counter`, or time since the opening of the link
     address: str
     data: bytes
-    quiet: bool = False  # Whether the board must not reply, because the next position follows shortly
+    quiet: bool = False  # Whether the board must not report its state, because the next position follows shortly
 
 
 def address_of(text: str, option: str = "--address") -> IPv4Address:

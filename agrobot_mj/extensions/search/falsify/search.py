@@ -135,7 +135,7 @@ class Falsified(NamedTuple):
 
 HALVINGS = 6  # Number of bisection steps; the final resolution is 1/64 of the distance
 CONFIRMED = 10  # Number of runs of the result, of combinations on the line to the result, and of its neighbours
-MOST_CONFIRMED = 10  # Maximum number of failing combinations, from mild to hard, that are repeated with more seeds
+MOST_CONFIRMED = 10  # Approximate number of failing combinations, from mild to hard, that are repeated with more seeds
 NEAR = 0.1  # Step from the result to a neighbour, divided by the distance of the result or by the unit of a key [-]
 Place = tuple[float, ...]
 
