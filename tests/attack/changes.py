@@ -1,4 +1,5 @@
-"""Change one input of a study and repeat the command: the results must equal those in a new folder, without more runs.
+"""Change one input of a study and repeat the command. The results must equal the results in a new folder, and no
+unnecessary runs may be simulated.
 
 The changed input is a value, a file named by the scenario or by another input file, a plugin, a module imported by the
 plugin, or the folder of all these files.

@@ -109,7 +109,8 @@ def _ended(arguments: list[str], expected: tuple[int, ...]) -> str:
 
 
 def _silent() -> str:
-    """Return the fault if the signals of a successful run contain values that are not finite."""
+    """Return a description of the fault if the signals of a successful run contain values that are not finite, or an
+    empty text."""
     file = Path("out") / "signals.parquet"
     if not file.is_file():
         return ""

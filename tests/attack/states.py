@@ -1,4 +1,5 @@
-"""Simulations that are interrupted or copied at random times. They must continue with bit-identical results."""
+"""Simulations that are interrupted or copied at random times. The simulations must continue with bit-identical
+results."""
 
 import copy
 import gc

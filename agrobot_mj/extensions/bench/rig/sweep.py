@@ -3,7 +3,7 @@
 Columns: `test`, `tyre` (its type), `axle`, `speed_m_s`, `load_n`, `slip_angle_rad`, `slip_ratio`, `distance_m` (`step`
 only), `fx_n`, `fy_n`, `mz_n_m`, `grounded` (see `wheel.Reading`). Rows by `test`:
 
-    lateral        sweep of the slip angle with a freely rolling wheel, at every load (1 m/s) and every speed (static load)
+    lateral        sweep of the slip angle of a rolling wheel, at every load (1 m/s) and at every speed (static load)
     longitudinal   sweep of the slip ratio, at every load (1 m/s) and at every speed (static load)
     combined       sweep of the slip ratio at several slip angles, and of the slip angle to large values
     step           response versus the distance after a step in slip angle, at every speed, for tyres with relaxation
