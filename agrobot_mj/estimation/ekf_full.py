@@ -268,7 +268,7 @@ class EkfFull(CompiledEstimator):
         return not is_compiled(self, "updated", "report", "columns")
 
     def linked(self, state: FullState) -> Linked | None:
-        """Return the function and data for ticks in compiled code, or None while measurements wait for delayed fixes."""
+        """Return the function and data for ticks in compiled code, or None while stored measurements await a fix."""
         if len(state.horizon.waiting):
             return None
         return Linked(self.compiled, state.settings, state.horizon.held, state.nothing)

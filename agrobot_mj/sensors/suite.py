@@ -180,7 +180,7 @@ class Suite:
     def immediate(
         self, state: SensorState, values: Held[Values], found: SensorReadings, sound: bool
     ) -> tuple[SensorState, Measurement]:
-        """Return the new state and the measurement of a tick without faults, GNSS latency and sensors outside `sense`."""
+        """Return new state and measurement of a tick without faults, GNSS latency and sensors outside `sense`."""
         (canopies, line, _, _), measured = state.delivery, self.measurement(found)
         if self.gnss.dual_antenna.enabled:
             line = SignalLine(found.heading)
