@@ -169,12 +169,13 @@ _LINES = (
     "    ahead, left = to_heading(r.yaw, r.x - truth.x, r.y - truth.y)",
     "    p, dx, dy = estimate.covariance, truth.rear_x - estimate.rear_x, truth.rear_y - estimate.rear_y",
     "    p_xx, p_xy, p_yy, p_yaw = p[0, 0], p[0, 1], p[1, 1], p[2, 2]",
-    "    nees = (p_yy * dx * dx - 2.0 * p_xy * dx * dy + p_xx * dy * dy) / (p_xx * p_yy - p_xy * p_xy)",
-    *(f"    out[{k}] = {signal.value or 'ABSENT'}" for k, signal in enumerate(SIGNALS)),
+    "    nees, det = p_yy * dx * dx - 2.0 * p_xy * dx * dy + p_xx * dy * dy, p_xx * p_yy - p_xy * p_xy",
+    "    nees = nees / det if det > 0.0 else nan",  # an estimator may return a covariance of zeros
+    *(f"    out[{k}] = {signal.value or 'nan'}" for k, signal in enumerate(SIGNALS)),
     "    return Here(truth.t, truth.x, truth.y, truth.pedal)",
 )
 _SCOPE: dict[str, Any] = {"__name__": __name__, "fetched": fetched, "to_heading": to_heading}
-_SCOPE |= {"Here": Here, "ABSENT": nan}
+_SCOPE |= {"Here": Here, "nan": nan}
 exec(compile("\n".join(_LINES), __file__, "exec"), _SCOPE)
 _KINDS: tuple[Any, ...] = (Vector, Held[Truth], Fix, Held[Estimate], Reference, Drive, tuple[float, float, float])
 write_row: Any = _SCOPE["_written"]

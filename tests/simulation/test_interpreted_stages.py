@@ -54,6 +54,7 @@ class FromTruth(StateEstimator):
     kind: Literal["from_truth"] = "from_truth"
     wrong_after: float = nan
     wrong: Any = None
+    variance: float = 0.01
 
     def init(self, x, y, yaw, tractor):
         return (x, y, yaw)
@@ -66,7 +67,7 @@ class FromTruth(StateEstimator):
         if measurement.t > self.wrong_after and self.wrong == "raise":
             raise RuntimeError("lost")
         found = self.wrong if measurement.t > self.wrong_after else 0.01
-        return (x, y, yaw), Estimate(x, y, yaw, found, 0.0, x, y, 0.01 * np.eye(3))
+        return (x, y, yaw), Estimate(x, y, yaw, found, 0.0, x, y, self.variance * np.eye(3))
 
 
 def simulated(part: Any, most: int, name: str = "guidance", **overrides: Any) -> Simulation:
@@ -109,10 +110,17 @@ def test_log_with_an_own_law_does_not_depend_on_episodes(law):
     assert ended(single) == ended(episodes)
 
 
-@pytest.mark.parametrize("part", [FromTruth(), FromTruth(wrong_after=5.0, wrong=nan)])
+@pytest.mark.parametrize("part", [FromTruth(), FromTruth(variance=0.0), FromTruth(wrong_after=5.0, wrong=nan)])
 def test_log_with_an_own_estimator_does_not_depend_on_episodes(part):
     single, episodes = (simulated(part, most, "estimator") for most in (0, 200))
     assert ended(single) == ended(episodes)
+
+
+def test_error_is_not_normalised_by_a_covariance_of_zeros():
+    sim = simulated(FromTruth(variance=0.0), 200, "estimator", duration_s=2.0)
+    assert sim.outcome == "completed"
+    assert np.isnan(sim.rows.column("position_nees")).all()
+    assert sim.log().metrics["position_nees"] is None
 
 
 @pytest.mark.parametrize(
