@@ -25,9 +25,9 @@ SLOWEST_M_S = 0.3  # Minimum speed used to compute lateral accelerations and spe
 
 @shared
 def steer_limit_at(speed: float, lateral_acceleration: float, wheelbase: float, steer_limit: float) -> float:
-    """Return the maximum absolute steering angle [rad] at a speed [m/s] and a limit of lateral acceleration [m/s2].
+    """Return the maximum absolute steering angle [rad] at which the lateral acceleration [m/s2] is within its limit.
 
-    `steer_limit` [rad] is the maximum angle of the wheels.
+    `steer_limit` [rad] is the maximum angle of the wheels. Speeds below SLOWEST_M_S count as SLOWEST_M_S.
     """
     u = max(abs(speed), SLOWEST_M_S)
     return min(steer_limit, atan(wheelbase * lateral_acceleration / (u * u)))
@@ -112,13 +112,13 @@ class GuidanceLaw(Learner):
 
     kind: str
     tunable: ClassVar[Mapping[str, tuple[float, float]]] = {}
-    """Search range of each tunable key in the unit of the key. Default: none."""
+    """Search range (minimum, maximum) of each tunable key, in the unit of the key. Default: none."""
     tuned: ClassVar[Mapping[str, Mapping[str, float]]] = {}
     """Tuned gains by law name and dotted scenario key, in addition to the gains in `control.gains.TUNED`."""
     timed: ClassVar[bool] = True
     """Whether a run with this law ends as `diverged` if the tractor is far from the moving reference point."""
     holds_lane_change: ClassVar[bool] = False
-    """Whether the law is tested in a lane change (cross-track RMS below 0.25 m) and with a worn valve."""
+    """Whether tests require the law to follow a lane change (cross-track RMS below 0.25 m), also with a worn valve."""
 
     @property
     def needs(self) -> dict[str, str]:
@@ -135,18 +135,18 @@ class GuidanceLaw(Learner):
 
     @property
     def interpreted(self) -> bool:
-        """Whether compiled ticks must call the method `update`. Default: True."""
+        """Whether ticks in compiled code must call the Python method `update`. Default: True."""
         return True
 
     def linked(self, state: Any, machine: TractorParameters) -> Linked | None:
-        """Return the compiled law for compiled ticks, or None if the next tick cannot be compiled."""
+        """Return the function and data for ticks in compiled code, or None if the next tick needs Python."""
         return None
 
     def resumed(self, state: Any, found: Held[Any], followed: Any, shown: Vector) -> Any:
-        """Return the state after compiled ticks.
+        """Return the state of the law after ticks in compiled code.
 
-        `found` is their last state, `followed` the last command with the path errors, and `shown` are the values of the
-        columns.
+        `found` is the last state in compiled code, and `followed` the last command with the path errors. `shown`
+        contains the last values of the log columns.
         """
         return found
 
@@ -191,14 +191,14 @@ class YawCommand(NamedTuple):
 
 
 WHEEL_LAG = radians(5.0)
-"""Steering-angle lag (command minus measurement) above which the integral of the yaw controller is frozen [rad].
+"""Steering-angle lag (command minus measurement) above which the integral of the yaw controller stops growing [rad].
 Assumed value.
 """
 
 
 @shared
 def excess_of(command: YawCommand, ahead: float, steer: float, measured: float) -> float:
-    """Return the steering angle for anti-windup [rad], as in `YawController.relieve`; 0 means that none is needed.
+    """Return the argument `excess` of `YawController.relieve` [rad], or 0 if no anti-windup is needed.
 
     `ahead` is the feed-forward angle, `steer` the limited total command, and `measured` the measured angle [rad].
     """
@@ -211,7 +211,7 @@ def excess_of(command: YawCommand, ahead: float, steer: float, measured: float) 
 def controller_form(
     law: Held[Any], state: Held[Any], e: float, ahead: float, steer: float, dt: float, limit: float
 ) -> tuple[Held[Any], YawCommand, Vector]:
-    """Have the signature of a compiled yaw controller, with anti-windup.
+    """Define the signature of a compiled yaw controller with anti-windup. The function itself is never called.
 
     The arguments are parameters, state, yaw-rate error [rad/s], feed-forward angle and measured steering angle [rad],
     length of the tick [s] and maximum steering angle [rad]. The results are the new state, the command, and the values
@@ -227,7 +227,7 @@ class YawController(Reporting):
     closed_loop: ClassVar[bool] = True
     """Whether the controller uses the measured yaw rate."""
     tunable: ClassVar[Mapping[str, tuple[float, float]]] = {}
-    """Search range of each tunable key in the unit of the key."""
+    """Search range (minimum, maximum) of each tunable key, in the unit of the key. Default: none."""
 
     def init(self) -> Any:
         """Return the initial state of the controller."""
@@ -244,19 +244,19 @@ class YawController(Reporting):
 
     @property
     def interpreted(self) -> bool:
-        """Whether compiled ticks must call the methods `update` and `relieve`. Default: True."""
+        """Whether ticks in compiled code must call the Python methods `update` and `relieve`. Default: True."""
         return True
 
     def linked(self, state: Any) -> Linked | None:
-        """Return the compiled controller for compiled ticks, or None if the next tick cannot be compiled."""
+        """Return the function and data for ticks in compiled code, or None if the next tick needs Python."""
         return None
 
     def resumed(self, state: Any, found: Held[Any], shown: Vector) -> Any:
-        """Return the state after compiled ticks from their last state `found` and the values `shown` of the columns."""
+        """Return the state after ticks in compiled code: `found` is their last state, `shown` their last log values."""
         return found
 
     def relieve(self, state: Any, excess: float) -> Any:
-        """Return the state after anti-windup. Controllers without an integral return `state` unchanged.
+        """Return the state after anti-windup, which limits the integral. The default returns `state` unchanged.
 
         `excess` [rad] is the total steering command, including feed-forward, minus the steering limit. If the command
         is within the limit and the wheels lag behind it, `excess` is the command minus the measured angle.

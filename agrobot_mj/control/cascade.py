@@ -77,17 +77,17 @@ class Cascade(GuidanceLaw):
 
     @property
     def interpreted(self) -> bool:
-        """Whether compiled ticks must call the method `update`."""
+        """Whether ticks in compiled code must call the Python method `update`."""
         return bool(self.controller.interpreted or self.law.interpreted or self.law.speed_network)
 
     def linked(self, state: CascadeState, machine: TractorParameters) -> Linked | None:
-        """Return the compiled cascade for compiled ticks, or None before the first tick of a network."""
+        """Return the function and data for ticks in compiled code, or None if the yaw controller needs Python next."""
         from agrobot_mj.control import cascade_tick  # imports this module
 
         return cascade_tick.linked(self, state, machine)
 
     def resumed(self, state: CascadeState, found: Held[Any], followed: Any, shown: Any) -> CascadeState:
-        """Return the state after compiled ticks from their last state `found`."""
+        """Return the state after ticks in compiled code; `found` is their last state."""
         from agrobot_mj.control import cascade_tick
 
         return cascade_tick.resumed(self, state, found)

@@ -1,7 +1,7 @@
-"""Cascade of guidance law and yaw controller as one compiled function per tick.
+"""Compiled function that performs a tick of a cascade of guidance law and yaw controller.
 
-For the laws `kinematic` and `feedforward`, the function gives the same results as `Cascade.update`. The yaw controller
-is called by its address.
+For the laws `kinematic` and `feedforward`, the function gives the same results as `Cascade.update`. The function calls
+the compiled yaw controller by its memory address.
 """
 
 from math import atan, inf, isfinite, nan
@@ -34,7 +34,7 @@ _controller = called(controller_form)
 
 
 class CascadeNumbers(NamedTuple):
-    """Parameters of a `CascadeLaw`, its tractor and its yaw controller. `CascadeLaw` describes uncommented fields."""
+    """Parameters of a `CascadeLaw`, its tractor and its yaw controller, as numbers for `cascade_tick`."""
 
     saturation: float
     gain: float
@@ -66,9 +66,9 @@ def cascade_tick(
     law: Held[CascadeNumbers], state: Held[CascadeMemory], last: tuple[float, float], samples: Matrix, seen: Situated,
     r: Reference, dt: float,
 ) -> tuple[Held[CascadeMemory], Followed, float, Vector]:  # fmt: skip
-    """Return the new state, the command, the required length of the sampled path (none: -inf), and the column values.
+    """Return the new state, the command, -inf (the cascade needs no sampled path), and the values of the log columns.
 
-    A command that is not finite means that the tick has failed.
+    The steering command is NaN if the tick has failed.
     """
     p, s, e = fetched(law), fetched(state), fetched(seen.estimate)
     vx, vy = approach(scaled_saturation(p.saturation, p.above, r) if p.scales else p.saturation, p.gain, e, r)
@@ -97,7 +97,7 @@ def cascade_tick(
 
 
 def linked(law: Cascade, state: CascadeState, machine: TractorParameters) -> Linked | None:
-    """Return the cascade for compiled ticks, or None if the next tick of the yaw controller cannot be compiled."""
+    """Return function and data for ticks in compiled code, or None if the next tick of the controller needs Python."""
     outer: CascadeLaw = law.law
     if (controller := law.controller.linked(state.controller)) is None:
         return None
@@ -126,7 +126,7 @@ def linked(law: Cascade, state: CascadeState, machine: TractorParameters) -> Lin
 
 
 def resumed(law: Cascade, state: CascadeState, found: Held[CascadeMemory]) -> CascadeState:
-    """Return the state of the cascade after compiled ticks."""
+    """Return the state of the cascade after ticks in compiled code; `found` is their last state."""
     now = fetched(found)
     controller = law.controller.resumed(state.controller, now.controller, now.shown)
     return CascadeState(controller, now.yaw_rate_ref, now.e_yaw_rate, now.command, now.feedforward, state.speed)

@@ -23,16 +23,17 @@ STEEP = radians(10.0)
 MAX_HEADING_CHANGE = radians(6.0)
 """Maximum heading change while the wheels turn to the commanded angle [rad], used to limit the speed. Assumed value."""
 RISE_M_S2 = 1.0
-"""Maximum acceleration of the speed command [m/s2]. Assumed value: the tractor reaches the path before full speed."""
+"""Maximum acceleration of the speed command [m/s2]. Assumed value, low enough to reach the path before full speed."""
 LOOKBACK = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))
-"""Look-back distances for the mean curvature, divided by slip length [-]: quantiles of an exponential distribution."""
+"""Distances behind the CG at which path curvatures are averaged, divided by the slip length [-]. The distances are
+quantiles of an exponential distribution."""
 
 
 def law_form(
     law: Held[Any], state: Held[Any], last: tuple[float, float], samples: Matrix, seen: "Situated", r: Reference,
     dt: float,
 ) -> "tuple[Held[Any], Followed, float, Vector]":  # fmt: skip
-    """Have the signature of a compiled guidance law.
+    """Define the signature of a compiled guidance law. The function itself is never called.
 
     `last` contains the last direction of travel and the last speed command [m/s]. The results are the new state, the
     command with the path errors, the arc length [m] up to which the path must be sampled, and the values of the
@@ -42,7 +43,7 @@ def law_form(
 
 
 class Followed(NamedTuple):
-    """Command and path errors of a law in one tick, stored in `FollowingState`."""
+    """Command and path errors of a law in one tick. `FollowingState` describes the fields."""
 
     s: float
     steer: float
@@ -55,7 +56,7 @@ class Followed(NamedTuple):
 
 
 class Situated(NamedTuple):
-    """Estimate, steering angle, and range of the search for the nearest path point, as numbers for compiled kernels."""
+    """Inputs of a compiled guidance law in one tick: estimate, measurements, and search range for the nearest point."""
 
     estimate: Held[Estimate]
     steer: float  # Measured steering angle [rad]
@@ -110,7 +111,10 @@ def direction_of(r: Reference, last: float, place: PathPoint) -> float:
 
 @jit
 def lookback(limits: CommandLimits, place: PathPoint, direction: float, seen: Situated, length: float) -> Vector:
-    """Return the arc lengths [m] whose curvatures determine the sideslip at a path point and `preview_s` later."""
+    """Return arc lengths [m] at which path curvatures determine the sideslip of the CG.
+
+    The first half of the array is for a CG at the path point `place`, the second half for a CG `preview_s` later.
+    """
     distances, n = np.zeros(2 * len(LOOKBACK)), len(LOOKBACK)
     s, preview, leg = place.s, abs(fetched(seen.estimate).speed) * limits.preview_s, (seen.low, seen.high)
     for k, lag in enumerate(LOOKBACK):
@@ -130,7 +134,11 @@ def deviated(
     limits: CommandLimits, place: PathPoint, direction: float, rolling: tuple[float, float], curvatures: Vector,
     seen: Situated,
 ) -> PathDeviation:  # fmt: skip
-    """Return the deviation from the path, computed with path curvatures at the arc lengths from `lookback()`."""
+    """Return the deviation of the tractor from the path.
+
+    `rolling` contains the slip length and the effective wheelbase [m]; `curvatures` [1/m] are at the arc lengths that
+    `lookback` returns.
+    """
     (l_r, L), n, e = rolling, len(LOOKBACK), fetched(seen.estimate)
     u = max(abs(e.speed), SLOWEST_M_S)
     beta, later = _sideslip(curvatures[:n], l_r), _sideslip(curvatures[n:], l_r)
@@ -180,7 +188,7 @@ def _sideslip(curvatures: Vector, length: float) -> float:
 
 
 def sideslip(route: Route, s: float, direction: float, leg: tuple[float, float], length: float) -> float:
-    """Return the sideslip [rad] of a CG at arc length `s` [m], `length` [m] ahead of the point without sideslip."""
+    """Return the sideslip [rad] of a CG at the arc length `s`, `length` ahead of the point without sideslip [m]."""
     return _sideslip(route.curvatures([_behind(s, direction * lag * length, leg) for lag in LOOKBACK]), length)
 
 
@@ -221,7 +229,7 @@ def followed(
 
 @jit
 def reported(found: Followed, integral: float) -> Vector:
-    """Return the values of the columns of `Integrating` for the result of a tick and the integral term [rad]."""
+    """Return the values of the log columns of `Integrating`, given the result of a tick and the integral term [rad]."""
     return np.array((found.s, found.cross_track, found.heading, found.steer_ahead, integral))
 
 
@@ -231,7 +239,8 @@ def _approach_speed(limits: CommandLimits, deviation: PathDeviation) -> float:
 
     The arc at the lateral acceleration a, and the travel in the time T = TURNING_S in which the wheels turn, must fit
     into the distance e from the path: u^2 / a (1 - cos theta) + u T sin theta = e. The result is at least the speed at
-    which an arc at full lock requires a.
+    which an arc at full lock requires a. The result is infinite at a small angle, and if the tractor moves away from
+    the path.
     """
     theta, e, a = abs(deviation.heading), abs(deviation.cross_track), limits.lateral_acceleration
     if theta < STEEP or deviation.cross_track * deviation.heading * deviation.direction > 0.0:

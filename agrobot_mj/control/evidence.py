@@ -172,8 +172,8 @@ class TurnEvidence(NamedTuple):
     long: complex = 0j  # Fix velocity rotated back by the gyro angle `turned`, mean over TURN_TIME_S [m/s]
 
     def after(self, m: Sensed, fix: Fix, quality: int, dt: float) -> "TurnEvidence":
-        """Return the means after a tick of `dt` [s], reset without a gyro or more than HELD_S after the last valid
-        fix."""
+        """Return the state after a tick of `dt` [s]. The means restart if the gyro is missing or HELD_S after the last
+        valid fix."""
         turned, time = self.turned + m.gyro * dt, m.t - self.t
         if isnan(turned) or (time > HELD_S and self.known_s > 0.0):
             return TurnEvidence(m.t, 0.0, 0.0, 0j, 0j)
@@ -197,7 +197,7 @@ kernel_method("after")
 
 @shared
 def drift_of(evidence: Evidence) -> float:
-    """Return the distance [m] between the measured position and the position obtained by integrating fix velocities."""
+    """Return the accumulated distance [m] between measured positions and positions integrated from fix velocities."""
     return sqrt(evidence.east * evidence.east + evidence.north * evidence.north)
 
 

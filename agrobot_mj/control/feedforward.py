@@ -28,7 +28,7 @@ class Feedforward(CascadeLaw):
 
     @property
     def interpreted(self) -> bool:
-        """Whether compiled ticks must call the method `update`, which a subclass may override."""
+        """Whether ticks in compiled code must call the Python method `update`: true for subclasses."""
         return type(self) is not Feedforward
 
     def feedforward(self, situation: Situation) -> float:

@@ -113,17 +113,17 @@ class Following(GuidanceLaw):
 
     @property
     def interpreted(self) -> bool:
-        """Whether compiled ticks must call the method `update`."""
+        """Whether ticks in compiled code must call the Python method `update`."""
         return not is_compiled(self, "update", "steering", "rolling", "report", "columns")
 
     def linked(self, state: "FollowingState", machine: TractorParameters) -> Linked | None:
-        """Return the compiled law for compiled ticks, or None before its first tick."""
+        """Return the function and data for ticks in compiled code, or None before the first tick of the law."""
         if state.reported is None:
             return None
         return Linked(self.compiled, state.law, state.memory, cast(Any, Followed)(*state[1:9]))
 
     def resumed(self, state: "FollowingState", found: Held[Any], followed: Followed, shown: Vector) -> "FollowingState":
-        """Return the state after compiled ticks; see `GuidanceLaw.resumed`."""
+        """Return the state of the law after ticks in compiled code; `GuidanceLaw.resumed` describes the arguments."""
         return FollowingState(found, *followed, state.law, shown)
 
     def feedback(self, state: "FollowingState", command: Command) -> float:

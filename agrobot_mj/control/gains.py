@@ -38,5 +38,8 @@ TUNED: Mapping[str, Mapping[str, float]] = {
 
 
 def gains_of(law: str, guidance: GuidanceLaw, which: Gains) -> Mapping[str, float]:
-    """Return the gains of the law named `law` that differ from the defaults, by dotted scenario key."""
+    """Return the tuned gains of the law named `law` by dotted scenario key.
+
+    The mapping is empty for a law without tuned gains and, if `which` is "paper", for a law in PAPER.
+    """
     return {} if which == "paper" and law in PAPER else {**TUNED, **guidance.tuned}.get(law, {})

@@ -43,7 +43,10 @@ def approach(saturation: float, gain: float, estimate: Estimate, r: Reference) -
 
 @shared
 def inverted(vx: float, vy: float, psi: float, l_r: float) -> tuple[float, float]:
-    """Return the speed [m/s] and the yaw rate [rad/s] for a velocity of the CG [m/s] at the heading `psi` [rad]."""
+    """Return the speed [m/s] and the yaw rate [rad/s] that give the CG the velocity (`vx`, `vy`) [m/s], east and north.
+
+    `psi` [rad] is the heading, and `l_r` [m] the distance from the CG to the rear axle.
+    """
     u_ref = cos(psi) * vx + sin(psi) * vy
     gamma_ref = (-sin(psi) * vx + cos(psi) * vy) / l_r  # [agrobots: inversekinematicmodeltractor2]
     return u_ref, gamma_ref
@@ -51,14 +54,17 @@ def inverted(vx: float, vy: float, psi: float, l_r: float) -> tuple[float, float
 
 @shared
 def scaled_saturation(saturation: float, above: float, r: Reference) -> float:
-    """Return the saturation k_s [m/s], proportional to sqrt(speed) above the speed `above` [m/s], constant for NaN."""
+    """Return the saturation k_s [m/s]. Above the reference speed `above` [m/s], k_s is proportional to sqrt(speed).
+
+    If `above` is NaN, k_s is constant.
+    """
     speed = sqrt(r.vx * r.vx + r.vy * r.vy)
     return saturation if isnan(above) else saturation * sqrt(max(speed / above, 1.0))
 
 
 @shared
 def onward(vx: float, vy: float, r: Reference) -> tuple[float, float]:
-    """Remove the backward component along the path from a velocity [m/s], so that the tractor waits instead of
+    """Return a velocity [m/s] without its backward component along the path, so that the tractor waits instead of
     reversing."""
     at_rest = r.vx == 0.0 and r.vy == 0.0
     course = r.yaw if at_rest else atan2(r.vy, r.vx)
@@ -68,7 +74,7 @@ def onward(vx: float, vy: float, r: Reference) -> tuple[float, float]:
 
 @shared
 def feasible(yaw_rate: float, r: Reference, u: float, machine: tuple[float, float, float]) -> float:
-    """Limit a yaw-rate reference [rad/s] to a turn that the steering can follow and end in time.
+    """Return a yaw-rate reference [rad/s] limited to turns that the steering can follow and end in time.
 
     A tractor slower than its reference turns at a proportionally lower rate. At the speed u, a heading error e adds a
     yaw rate u e / l_r. The error then decays with the time constant l_r / u, limited to at least `MIN_CLOSING_S`. If
@@ -164,11 +170,11 @@ class Kinematic(CascadeLaw):
 
     @property
     def interpreted(self) -> bool:
-        """Whether compiled ticks must call the method `update`, which a subclass may override."""
+        """Whether ticks in compiled code must call the Python method `update`: true for subclasses."""
         return type(self) is not Kinematic
 
     def saturation(self, reference: Reference) -> float:
-        """Return the saturation k_s [m/s], proportional to sqrt(speed) above the speed `scheduled_above_m_s`.
+        """Return the saturation k_s [m/s], proportional to sqrt(reference speed) above `scheduled_above_m_s`.
 
         Curvature steps cause larger errors at higher speed, but a linear increase of k_s would cause overshoot.
         """

@@ -144,7 +144,7 @@ def _tick(
     r: Reference,
     dt: float,
 ) -> tuple[Held[LqrState], Followed, float, Vector]:
-    """Return new state, command with path errors, arc length [m] up to which the path must be sampled, and log values.
+    """Return the new state, the command, the arc length [m] up to which the path must be sampled, and log values.
 
     `last` contains the last direction of travel and the last speed command [m/s].
     """
@@ -185,7 +185,8 @@ class Lqr(Integrating):
     rate_deg_s: Positive = 35.0
     """Steering rate that contributes 1 to the cost [deg/s]. Assumed value from tuning; manual tuning gives 4-15."""
     steer_deg: Positive = 6.0
-    """Deviation from the feed-forward angle that contributes 1 to the cost [deg]. Assumed value (3-15) from tuning."""
+    """Deviation from the feed-forward angle that contributes 1 to the cost [deg]. Assumed value (range 3-15)
+    from tuning."""
     integral_m_s: Positive | None = 2.6
     """Integral of the cross-track error that contributes 1 to the cost [m s]; null disables integral action. Assumed
     value (range 1-5), with which the error after a step disturbance decays in 10 s."""
@@ -217,7 +218,7 @@ class Lqr(Integrating):
         return memory._replace(table=_table(self, machine))
 
     def parameters(self, limits: CommandLimits, machine: TractorParameters) -> LqrLaw:
-        """Return the parameters for a tractor that are passed to the compiled function of a tick."""
+        """Return the parameters of the law for a tractor, as numbers for the compiled tick function."""
         return LqrLaw(limits, *self._limits, slip_of(self, machine))
 
     @property
@@ -225,7 +226,7 @@ class Lqr(Integrating):
         return radians(self.approach_deg), radians(self.integral_limit_deg)
 
     def gains(self, machine: TractorParameters, speed: float) -> list[float]:
-        """Return the gains of path errors, steering angle, delayed commands and integral at a speed [m/s]."""
+        """Return the feedback gains for path errors, steering angle, delayed commands and integral at a speed [m/s]."""
         found = _scheduled(_table(self, machine), speed)
         return [float(gain) for gain in found[: (found.size + 1) // 2]]
 
@@ -250,7 +251,8 @@ def _table(law: Lqr, machine: TractorParameters) -> Matrix:
 def _gains(law: Lqr, machine: TractorParameters, u: float) -> tuple[Array, Array]:
     """Return the gains at the speed `u` [m/s], shape (4 + n,), and the ratios P_qx / P_qq, shape (3 + n,).
 
-    P is the Riccati solution, q the integral, x the other states with n delayed commands. The gain of q is last.
+    P is the solution of the Riccati equation, q is the integral, and x are the other states with n delayed commands.
+    The gain of q is last.
     """
     from scipy.linalg import solve_discrete_are  # slow import (0.1 s), needed only by this law
 

@@ -1,4 +1,4 @@
-"""Monitors of the supervisor. A monitor has a signal, a limit, a maximum duration above it, and a reason for a stop.
+"""Monitors of the supervisor: each has a signal, a limit, a maximum time above the limit, and a reason for a stop.
 
 The first monitors compare position, steering angle, pedal and speed with the path and the commands, and check
 the estimator state. The other monitors are independent of the estimator. They detect:
@@ -50,7 +50,8 @@ TURNED_AWAY = 0.3
 """Accepted increase of the distance from the path during a turn towards the path, divided by the turning radius [-].
 Assumed value."""
 DRIFT_SIGMAS = 2.5
-"""Drift-limit margin in standard deviations of integration errors [-]. Assumed value for low fix rates and ridges."""
+"""Margin of the drift limit, in standard deviations of the integration error [-]. Assumed value for low fix rates and
+ridges."""
 MAX_RATIO = 3.0
 """Maximum weight of the time above a limit [-]. The weight is the ratio of signal to limit. Assumed value."""
 
@@ -117,7 +118,7 @@ class SupervisorLimits(Reporting):
     """Maximum estimated standard deviation of the position [m]. Assumed value (range 0.3-2)."""
     max_cross_track_m: Positive = 2.0
     """Maximum estimated cross-track error [m]. A larger initial error is accepted while it decreases. Assumed value
-    (0.5-3): less than the width of a swath."""
+    (range 0.5-3): less than the width of a swath."""
     max_acquiring_s: Positive = 20.0
     """Maximum time without an approach to a path farther away than `max_cross_track_m` [s]. Assumed value (range
     10-60)."""
@@ -160,8 +161,9 @@ class SupervisorLimits(Reporting):
     """Maximum difference between the measured steering angle and the angle derived from the yaw rate [deg]. Assumed
     value (range 6-15), which covers wear and sideslip."""
     max_angle_mismatch_share: NonNegative = 0.4
-    """Increase of `max_angle_mismatch_deg`, divided by the steering angle [-]: the larger of the measured angle and the
-    angle derived from the yaw rate. Assumed value (range 0.3-0.6), which covers sliding wheels."""
+    """Increase of `max_angle_mismatch_deg` divided by the steering angle [-]. The steering angle is the larger of the
+    measured angle and the angle derived from the yaw rate. Assumed value (range 0.3-0.6), which covers sliding wheels.
+    """
     angle_mismatch_s: Positive = 1.0
     """Maximum duration of a mismatch between steering angle and yaw rate [s]. Assumed value (range 0.5-1.5), which
     covers the lag of wheels and tyres."""
@@ -169,8 +171,8 @@ class SupervisorLimits(Reporting):
     """Maximum yaw-rate change derived from the steering angle while the gyro repeats one value for `max_repeat_s`
     [deg/s]. Assumed value (range 1-4), above the gyro resolution of 0.1 deg/s."""
     max_repeat_s: Positive = 0.4
-    """Maximum duration of a repeated position while moving, or of a repeated yaw rate while turning [s]. Assumed value
-    (0.2-1): the noise of a working sensor prevents repetition."""
+    """Maximum duration of a repeated position, roll or pitch while moving, or of a repeated yaw rate while turning [s].
+    Assumed value (range 0.2-1): the noise of a working sensor prevents repetition."""
     max_course_mismatch_deg: Positive = 8.0
     """Maximum rotation of the direction of motion relative to the gyro heading [deg]: angle between the means of the
     fix velocity in the gyro frame over 2 s and 10 s. The limit increases below 0.8 m/s. Assumed value (range 6-15):
@@ -233,7 +235,10 @@ def checks(
 
 @jit
 def over(check: tuple[float, float, float], time: float, dt: float) -> float:
-    """Return the weighted time above a limit [s] after `dt` [s]: 0 below the limit, unchanged for a NaN signal."""
+    """Return the weighted time for which a signal has exceeded its limit [s], after a tick of `dt` [s].
+
+    The result is 0 for a signal within the limit, and the unchanged `time` for a NaN signal.
+    """
     signal, limit, _ = check
     if isnan(signal):
         return time

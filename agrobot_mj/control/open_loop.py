@@ -28,6 +28,6 @@ class OpenLoop(YawController):
     def update(
         self, state: None, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[None, YawCommand]:
-        """Return None as the state, and the steering command at time `t` [s], which is zero before the step."""
+        """Return None as the state, and the steering command at time `t` [s], which is zero before the time `at_s`."""
         steer = radians(self.steer_deg) if t >= self.at_s else 0.0
         return None, YawCommand(clip(steer, -steer_limit, steer_limit))

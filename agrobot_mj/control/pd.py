@@ -38,7 +38,7 @@ def conventional(p: PdGains, slope: FilteredRate, e: float, dt: float) -> tuple[
 def _tick(
     law: Held[PdGains], state: Held[FilteredRate], e: float, ahead: float, steer: float, dt: float, limit: float
 ) -> tuple[Held[FilteredRate], YawCommand, Vector]:
-    """Return the new state, the command, and the values of no columns; see `controller_form`."""
+    """Return the new state, the command, and an empty array of log values; see `base.controller_form`."""
     slope, tau_c = conventional(fetched(law), fetched(state), e, dt)
     return held(slope), YawCommand(clip(tau_c, -limit, limit), tau_c, 0.0, nan), np.empty(0)
 
@@ -84,13 +84,13 @@ class Pd(Conventional):
 
     @property
     def interpreted(self) -> bool:
-        """Whether compiled ticks must call the method `update`, which a subclass may override."""
+        """Whether ticks in compiled code must call the Python method `update`: true for subclasses."""
         return type(self) is not Pd
 
     def linked(self, state: FilteredRate) -> Linked:
-        """Return the controller for compiled ticks."""
+        """Return the function and data of the controller for ticks in compiled code."""
         return Linked(_tick, held(self.gains), held(state))
 
     def resumed(self, state: FilteredRate, found: Held[FilteredRate], shown: Vector) -> FilteredRate:
-        """Return the state after compiled ticks."""
+        """Return the state after ticks in compiled code; `found` is their last state."""
         return fetched(found)

@@ -52,7 +52,7 @@ _learn = called(tick)
 def _tick(
     law: Held[NetworkLaw], state: Held[NetworkNumbers], e: float, ahead: float, steer: float, dt: float, limit: float
 ) -> tuple[Held[NetworkNumbers], YawCommand, Vector]:
-    """Return the new state, the command, and the values of the columns of the network; see `controller_form`."""
+    """Return the new state, the command, and the log values of the network; see `base.controller_form`."""
     p, s = fetched(law), fetched(state)
     slope, tau_c = conventional(p.gains, s.slope, e, dt)
     learns = not (p.anti_windup and s.saturated)
@@ -91,18 +91,18 @@ class PdNetwork(Conventional):
 
     @property
     def interpreted(self) -> bool:
-        """Whether compiled ticks must call the method `update`, which a subclass may override."""
+        """Whether ticks in compiled code must call the Python method `update`: true for further subclasses."""
         return type(self) not in (PdT2fnn, PdT1fnn)
 
     def linked(self, state: NeuroState) -> Linked | None:
-        """Return the controller for compiled ticks, or None before the first tick."""
+        """Return the function and data for ticks in compiled code, or None before the first tick."""
         if state.network is None:
             return None
         law = NetworkLaw(self.gains, self.anti_windup, address_of(tick, tick))
         return Linked(_tick, held(law), held(NetworkNumbers(state.slope, state.network, state.saturated)))
 
     def resumed(self, state: NeuroState, found: Held[NetworkNumbers], shown: Vector) -> NeuroState:
-        """Return the state after compiled ticks."""
+        """Return the state after ticks in compiled code; `found` is their last state."""
         now = fetched(found)
         return NeuroState(now.slope, now.network, shown, now.saturated)
 

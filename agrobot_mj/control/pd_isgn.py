@@ -39,7 +39,7 @@ class IntegralLaw(NamedTuple):
 def integral_step(
     p: IntegralLaw, s: IntegralState, e: float, dt: float, limit: float
 ) -> tuple[IntegralState, YawCommand]:
-    """Return the new state and the command; the arguments are as for `YawController.update`."""
+    """Return the new state and the steering command for the yaw-rate error `e` [rad/s], at most `limit` [rad]."""
     slope, tau_c = conventional(p.gains, s.slope, e, dt)
     tau_n = s.tau_n
     command = YawCommand(clip(tau_c - tau_n, -limit, limit), tau_c, tau_n, nan)
@@ -50,7 +50,7 @@ def integral_step(
 def _tick(
     law: Held[IntegralLaw], state: Held[IntegralState], e: float, ahead: float, steer: float, dt: float, limit: float
 ) -> tuple[Held[IntegralState], YawCommand, Vector]:
-    """Return the new state, the command, and the values of no columns; see `controller_form`."""
+    """Return the new state, the command, and an empty array of log values; see `base.controller_form`."""
     after, command = integral_step(fetched(law), fetched(state), e, dt, limit)
     return held(after), command, np.empty(0)
 
@@ -83,13 +83,13 @@ class PdIsgn(Conventional):
 
     @property
     def interpreted(self) -> bool:
-        """Whether compiled ticks must call the method `update`, which a subclass may override."""
+        """Whether ticks in compiled code must call the Python method `update`: true for subclasses."""
         return type(self) is not PdIsgn
 
     def linked(self, state: IntegralState) -> Linked:
-        """Return the controller for compiled ticks."""
+        """Return the function and data of the controller for ticks in compiled code."""
         return Linked(_tick, held(self._law), held(state))
 
     def resumed(self, state: IntegralState, found: Held[IntegralState], shown: Vector) -> IntegralState:
-        """Return the state after compiled ticks."""
+        """Return the state after ticks in compiled code; `found` is their last state."""
         return fetched(found)

@@ -42,7 +42,7 @@ class PiGains(NamedTuple):
 
 @shared
 def pi_step(p: PiGains, s: PiState, e: float, dt: float, limit: float) -> tuple[PiState, YawCommand]:
-    """Return the new state and the command; the arguments are as for `YawController.update`."""
+    """Return the new state and the steering command for the yaw-rate error `e` [rad/s], at most `limit` [rad]."""
     step = p.ki * e * dt if abs(e) < TRANSIENT_RAD_S else 0.0
     tau_c, integral = p.kp * e, s.integral + step
     steer = clip(tau_c + integral, -limit, limit)
@@ -59,7 +59,7 @@ def relieved(s: PiState, excess: float) -> PiState:
 def _tick(
     law: Held[PiGains], state: Held[PiState], e: float, ahead: float, steer: float, dt: float, limit: float
 ) -> tuple[Held[PiState], YawCommand, Vector]:
-    """Return the new state, the command, and the values of no columns; see `controller_form`."""
+    """Return the new state, the command, and an empty array of log values; see `base.controller_form`."""
     after, command = pi_step(fetched(law), fetched(state), e, dt, limit)
     excess = excess_of(command, ahead, clip(command.steer + ahead, -limit, limit), steer)
     return held(relieved(after, excess)), command, np.empty(0)
@@ -73,7 +73,8 @@ class Pi(YawController):
     kp: NonNegative = 0.7
     """Proportional gain k_P [rad s/rad]. Assumed value from tuning with `kinematic`; above 1.5, limit cycles occur."""
     ki: NonNegative = 0.2
-    """Integral gain k_I [rad/rad]. Assumed value from tuning; 0.2 causes limit cycles of worn valves at k_P 0.4."""
+    """Integral gain k_I [rad/rad]. Assumed value from tuning; with k_P = 0.4, a k_I of 0.2 causes limit cycles of worn
+    valves."""
     tunable: ClassVar = {"kp": (0.1, 1.5), "ki": (0.0, 1.5)}
     """Search ranges for tuning the gains."""
 
@@ -93,13 +94,13 @@ class Pi(YawController):
 
     @property
     def interpreted(self) -> bool:
-        """Whether compiled ticks must call the method `update`, which a subclass may override."""
+        """Whether ticks in compiled code must call the Python method `update`: true for subclasses."""
         return type(self) is not Pi
 
     def linked(self, state: PiState) -> Linked:
-        """Return the controller for compiled ticks."""
+        """Return the function and data of the controller for ticks in compiled code."""
         return Linked(_tick, held(PiGains(self.kp, self.ki)), held(state))
 
     def resumed(self, state: PiState, found: Held[PiState], shown: Vector) -> PiState:
-        """Return the state after compiled ticks."""
+        """Return the state after ticks in compiled code; `found` is their last state."""
         return fetched(found)

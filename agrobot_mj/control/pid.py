@@ -39,7 +39,7 @@ class FilteredRate(NamedTuple):
 
 @shared
 def slope_after(s: FilteredRate, value: float, dt: float, filter_s: float) -> FilteredRate:
-    """Return the filtered derivative after a new value. The arguments are as for `FilteredRate.after`."""
+    """Return the filtered derivative after a new value, `dt` [s] later; `filter_s` [s] is the filter time constant."""
     if isnan(s.value):
         return FilteredRate(value, 0.0)
     raw = (value - s.value) / dt
@@ -138,7 +138,10 @@ class SpeedLoopLaw(NamedTuple):
 def speed_step(
     p: SpeedLoopLaw, s: SpeedState, speed_ref: float, speed: float, pedal: float, dt: float
 ) -> tuple[SpeedState, float]:
-    """Return the new state and valve voltage [V] for the speed command and estimate [m/s] and pedal position [-]."""
+    """Return the new state and the voltage of the pedal valve [V].
+
+    The inputs are the commanded and the estimated speed [m/s], and the measured pedal position [-].
+    """
     outer, pedal_ref = pid_step(p.outer, s.outer, speed_ref - speed, dt, -1.0, 1.0, p.feedforward * speed_ref)
     return pedal_step(p, SpeedState(outer, s.inner, s.reference), pedal_ref, pedal, dt)
 

@@ -70,7 +70,7 @@ class References(NamedTuple):
     means: Matrix
     """Means of x, y [m], theta [rad], gyro bias [rad/s], wheel-scale, sideslip and compliance errors, shape (n, 7)."""
     covariances: Covariances  # Covariances of the states in `means`, shape (n, 7, 7)
-    begun: Vector  # Start time of each reference [s], shape (n,). Later fixes update only the first reference.
+    begun: Vector  # Start time of each reference [s], shape (n,)
 
     @classmethod
     def first(cls, at: Sums, place: complex, theta: float) -> "References":
@@ -85,7 +85,9 @@ class References(NamedTuple):
 def compared(
     r: Held[References], last: Held[Sums], at: Held[Sums], fix: Fix, quality: int, m: Sensed, swing: float
 ) -> tuple[Held[References], float, float]:
-    """Return the references after a fix, and the distance of the fix from the least consistent one with its sigma [m].
+    """Return the references after a fix, and the distance of the fix from the least consistent reference [m].
+
+    The last result is the standard deviation of this distance [m].
 
     `last` and `at` are the dead-reckoning sums at the last checked fix and at this fix. `swing` is the position error
     of the antenna due to the hitch angle [m].
@@ -103,7 +105,7 @@ def compared(
 def _followed(
     r: References, last: Sums, at: Sums, fix: Fix, heading: float, variance: float, sharing: float
 ) -> tuple[References, float, float]:
-    """Return the result of `compared`.
+    """Return the references after a fix, and the results `distance` and `sigma` of `compared` [m].
 
     `variance` [m2] is the variance of the fix position; `sharing` is the number of consecutive fixes with equal error.
     `heading` is the measured heading minus the integrated yaw rate [rad], or NaN if not measured.
@@ -170,7 +172,10 @@ def _correct(mean: Vector, P: Matrix, state: int, innovation: float, variance: f
 
 @jit
 def _renewed(r: References, t: float) -> References:
-    """Return the references younger than MEMORY_S; every RENEWAL_S, add a copy of the first reference."""
+    """Return the first reference and all others younger than MEMORY_S [s].
+
+    If the newest reference is older than RENEWAL_S, a copy of the first reference is added.
+    """
     n = r.begun.size
     means, P, begun, kept = np.zeros((n + 1, 7)), np.zeros((n + 1, 7, 7)), np.zeros(n + 1), 0
     for k in range(n):
@@ -210,7 +215,7 @@ class Reckoning(NamedTuple):
         dt: float,
         towed: TowedImplement,
     ) -> "Reckoning":
-        """Return the state after a tick of `dt` [s]. The state does not change before the first gyro measurement.
+        """Return the state after a tick of `dt` [s]. Dead reckoning starts with the first gyro measurement.
 
         A missing fix is NaN. The axis of the gyro is fixed to the tractor if `body`, otherwise vertical.
         """

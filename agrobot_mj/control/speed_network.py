@@ -39,7 +39,8 @@ class SpeedNetwork(Spec):
     def update(
         self, state: SpeedNetworkState, wanted: float, speed: float, dt: float
     ) -> tuple[SpeedNetworkState, float]:
-        """Return the new state and the corrected speed command [m/s]. Learning stops at the limit of the correction."""
+        """Return the new state and the corrected speed command [m/s]. The network learns while the last correction was
+        within its limit."""
         e = wanted - speed
         slope, tau_c = state.slope.after(e, dt, self.derivative_filter_s), self.kp * e
         network = state.network or self.network.init(e, slope.rate)

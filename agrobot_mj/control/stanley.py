@@ -52,7 +52,7 @@ class StanleyState(NamedTuple):
 
     integral: float = 0.0  # Steering angle v of the integral term [rad]
     offset: float = nan
-    """Offset e_f of the front axle at the last tick [m], or NaN before the first tick in forward travel."""
+    """Offset e_f of the front axle at the last tick [m]. NaN if that tick was in reverse or the heading was unknown."""
 
 
 class Gains(NamedTuple):
@@ -106,7 +106,7 @@ def _tick(
     p: Held[StanleyLaw], memory: Held[StanleyState], last: tuple[float, float], samples: Matrix, seen: Situated,
     r: Reference, dt: float,
 ) -> tuple[Held[StanleyState], Followed, float, Vector]:  # fmt: skip
-    """Return new state, command with path errors, arc length [m] up to which the path must be sampled, and log values.
+    """Return the new state, the command, the arc length [m] up to which the path must be sampled, and log values.
 
     `last` contains the last direction of travel and the last speed command [m/s].
     """
@@ -158,7 +158,7 @@ class Stanley(Integrating):
     def steering(
         self, memory: StanleyState, deviation: PathDeviation, situation: Situation, dt: float
     ) -> tuple[StanleyState, float]:
-        """Return the new state and the steering angle [rad] before limits, computed as in the module docstring."""
+        """Return the new state and the steering angle [rad], to which the steering limit is not yet applied."""
         e = situation.estimate
         pose, gains = (e.x, e.y, e.yaw), self.gains(situation.machine)
         return _steering(gains, memory, deviation, pose, e.speed, e.yaw_rate, e.aligned, situation.steer, dt)

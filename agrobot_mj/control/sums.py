@@ -1,4 +1,4 @@
-"""Dead-reckoning sums of wheel speed, yaw rate and tilt, used by `reckoning` between fixes. SI units."""
+"""Dead-reckoning sums of wheel speed, yaw rate and tilt, from which `reckoning` predicts positions. SI units."""
 
 from cmath import exp as turn
 from math import atan, copysign, cos, isfinite, isnan, nan, radians, sin, sqrt, tan
@@ -68,7 +68,7 @@ kernel_method("after")
 
 
 class Sums(NamedTuple):
-    """Dead-reckoning sums over all ticks up to the time `t`."""
+    """Quantities that the dead reckoning accumulates over all ticks up to the time `t`."""
 
     t: float = 0.0  # Time of the last tick [s]
     phi: float = 0.0  # Integral of the yaw rate [rad]
@@ -106,7 +106,7 @@ class Vehicle(NamedTuple):
 
 @stage
 def summed(last: Held[Sums], m: Sensed, fix: Fix, vehicle: Vehicle, towed: TowedImplement, dt: float) -> Held[Sums]:
-    """Return the dead-reckoning sums, advanced by one tick of length `dt` [s]."""
+    """Return the dead-reckoning sums after one further tick of length `dt` [s]. A missing fix is NaN."""
     s = fetched(last)
     wheels, fixes, fix_t = _speeds(s, m, fix)
     has_tilt = isfinite(m.roll + m.pitch)

@@ -1,4 +1,4 @@
-"""Supervisor while the tractor follows its path, as one compiled function per tick."""
+"""Compiled function that performs a tick of the supervisor while the tractor follows its path."""
 
 from typing import Any, NamedTuple
 
@@ -23,7 +23,7 @@ _monitored, _summed, _compared = called(monitored), called(summed), called(compa
 
 
 class SupervisionLaw(NamedTuple):
-    """Parameters of the supervisor, and addresses of its compiled parts."""
+    """Parameters of the supervisor, and addresses of the compiled functions that `supervised` calls."""
 
     limits: Held[Limits]
     reckons: bool  # Whether dead reckoning has started; it never starts without a gyro
@@ -55,7 +55,7 @@ def supervisor_form(
     law: Held[Any], state: Held[Any], samples: Matrix, seen: Situated, m: Sensed, fix: Fix, quality: int, steer: float,
     speed: float, pedal: float, sampled: float, dt: float,
 ) -> tuple[Held[Any], tuple[float, float, float], bool]:  # fmt: skip
-    """Have the signature of `supervised`."""
+    """Define the signature of `supervised` for compiled calls. The function itself is never called."""
     raise NotImplementedError
 
 
@@ -64,7 +64,7 @@ def supervised(
     law: Held[SupervisionLaw], state: Held[Supervision], samples: Matrix, seen: Situated, m: Sensed, fix: Fix,
     quality: int, steer: float, speed: float, pedal: float, sampled: float, dt: float,
 ) -> tuple[Held[Supervision], tuple[float, float, float], bool]:  # fmt: skip
-    """Return the new state, `Supervision.shown`, and whether the mode remains TRACKING, after a tick with an RTK fix.
+    """Return the new state, `SupervisorState.shown`, and whether the mode remains TRACKING, after a tick with a fix.
 
     `steer` [rad] and `speed` [m/s] are the command of the guidance law; `pedal` is the last pedal reference [-].
     The path is sampled up to the arc length `sampled` [m].
@@ -97,9 +97,9 @@ def supervised(
 def linked(
     supervisor: Supervisor, state: SupervisorState, machine: TractorParameters, towed: TowedImplement, gyro: bool
 ) -> Linked | None:
-    """Return the supervisor for compiled ticks, or None if it is not tracking a path with a known heading.
+    """Return function and data for ticks in compiled code, or None if the next tick of the supervisor needs Python.
 
-    `gyro` is whether the tractor has a gyro.
+    Compiled ticks require the mode TRACKING and, if the tractor has a `gyro`, dead reckoning with a known heading.
     """
     r = state.reckoning
     if state.mode is not Mode.TRACKING or state.released or not (state.watched and state.limits):
@@ -134,7 +134,10 @@ def linked(
 
 
 def tracking(state: SupervisorState, found: Held[Supervision], pedal: float) -> SupervisorState:
-    """Return the state of the supervisor after compiled ticks; `pedal` is the last measured pedal position [-]."""
+    """Return the state of the supervisor after ticks in compiled code, which ended with the state `found`.
+
+    `pedal` is the last measured pedal position [-].
+    """
     now = fetched(found)
     if state.reckoning.checked is None:
         return state._replace(watched=now.watched, shown=now.shown, over_s=now.over_s, steer=now.steer, pedal=pedal)

@@ -47,7 +47,7 @@ OVERDUE_S = 1.0  # Maximum time from neutral pedal to standstill [s]. Assumed va
 
 
 class Mode(IntEnum):
-    """States of the supervisor, logged in the column `supervisor_state`."""
+    """Operating modes of the supervisor, logged as numbers in the column `supervisor_state`."""
 
     IDLE = 0
     ALIGNING = 1
@@ -85,7 +85,7 @@ class Supervisor(SupervisorLimits):
     """Axis of the gyro assumed in dead reckoning: `vertical`, or `body` for an axis fixed to the tractor."""
     coasting_after_s: Positive = 0.6
     """Maximum time since the newest fix before the tractor coasts with a constant pedal position [s]. Assumed value
-    (0.3-1): the duration of a few missing fixes."""
+    (range 0.3-1): the duration of a few missing fixes."""
     aligning_speed_m_s: Positive = 0.8
     """Speed while the heading is unknown and the tractor follows the path curvature [m/s]. Assumed value (range
     0.5-1.5)."""
@@ -109,7 +109,7 @@ class Supervisor(SupervisorLimits):
     ) -> tuple[SupervisorState, Command]:
         """Return the new state and the command to the low-level loops, given the `command` of the guidance law.
 
-        `pedal_ref` is the last pedal reference of the speed loop [-].
+        `pedal_ref` is the last pedal reference of the speed loop [-]. If not `enabled`, nothing is changed.
         """
         if not self.enabled:
             return state, command
@@ -134,7 +134,7 @@ class Supervisor(SupervisorLimits):
         )
 
     def stopped(self, state: SupervisorState) -> bool:
-        """Return whether the controlled stop is complete."""
+        """Return whether a controlled stop is complete: the tractor has been at rest for more than `settle_s`."""
         return state.mode is Mode.STOPPING and state.still_s > self.settle_s
 
     def _mode(self, e: Estimate, fix_age: float) -> Mode:
@@ -202,7 +202,7 @@ def monitored(
     most: Held[Limits], w: Held[MonitorSignals], over_s: Vector, nearest: PathPoint, estimate: Held[Estimate],
     m: Sensed, fix: Fix, quality: int, steer: float, wanted: MonitoredCommand, reckoned: tuple[float, float], dt: float,
 ) -> tuple[Held[MonitorSignals], tuple[float, float, float], Vector, int, float, bool]:  # fmt: skip
-    """Return the monitor signals after a tick, `SupervisorState.shown`, and the weighted times above the limits [s].
+    """Return the monitor signals after a tick, `SupervisorState.shown`, and the new `SupervisorState.over_s` [s].
 
     Also return the index of the first monitor that requires a stop (or -1), the signal of this monitor, and whether a
     monitor cuts the power of the pedal valve.

@@ -115,7 +115,7 @@ class T2Fnn(Spec):
     def update(
         self, state: T2FnnState, x1: float, x2: float, tau_c: float, dt: float, learn: bool = True
     ) -> tuple[T2FnnState, float]:
-        """Move the centres, compute tau_n [rad], and train the other parameters on tau_c [rad] for `dt` [s].
+        """Return the network after a tick of `dt` [s] of learning from tau_c [rad], and its output tau_n [rad].
 
         With `learn=False` only the centres change (guard 6).
         """

@@ -120,7 +120,7 @@ def floored(x: float, floor: float) -> float:
 
 @jit
 def width_rates(x: float, c: Array, d: Array, alpha_sgn: float, floor: float) -> Array:
-    """Return the rates of change of set widths `d` at the input x. `alpha_sgn`: learning rate times sgn(tau_c)."""
+    """Return the rates of change of the set widths `d` at the input x; `alpha_sgn` is alpha sgn(tau_c) [rad/s]."""
     mu, rate = membership(x, c, d), np.zeros_like(d)
     for i in range(d.size):
         slope = -alpha_sgn * d[i] ** 2 / floored(x - c[i], floor)
@@ -205,7 +205,8 @@ def update_widths(
 
 @jit
 def move_centres(s: T2FnnState, last: tuple[float, float], x1: float, x2: float, follow: bool) -> T2FnnState:
-    """Return the network; if `follow`, the set centres have moved by the change of the inputs since `last`."""
+    """Return the network at the inputs x1 and x2. If `follow`, the centres move by the change of the inputs since
+    `last`, otherwise the centres are fixed."""
     c1, c2 = s.c1, s.c2
     if follow:
         c1 = c1 + (x1 - last[0])  # [agrobots: 16]
