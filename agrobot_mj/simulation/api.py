@@ -24,7 +24,8 @@ def run(
     """Simulate a scenario, given by name, path or object, to its end. Return the log and write no files.
 
     Hints about the scenario are issued as `ScenarioWarning`. The same scenario gives bit-identical signals on the same
-    machine. `should_stop` is called every tick; the run ends as `aborted` if this function returns True.
+    machine. `should_stop` is called repeatedly, at least once per 10 s of simulated time; the run ends as `aborted` if
+    this function returns True.
 
     Raises `ScenarioError` for an infeasible tractor and for a guidance law that is an external program. Raises
     TypeError for an argument of a wrong type.

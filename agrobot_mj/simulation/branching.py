@@ -41,7 +41,7 @@ class _States:
             self._bytes -= self._known.popitem(last=False)[1][1]
 
     def latest(self, name: str, branches: tuple[Branch, ...]) -> Snapshot | None:
-        """Return the latest stored state at or before the last branch of a run, or None if there is none."""
+        """Return the latest stored state at or before the last branch of a run, or None without a branch or a state."""
         for tick in range(branches[-1].tick // EVERY * EVERY if branches else 0, 0, -EVERY):
             key = name, _before(branches, tick), tick
             if key in self._known:
@@ -58,7 +58,7 @@ _STATES = _States()
 
 
 def steps(sim: Simulation, branches: Sequence[Branch]) -> Iterator[None]:
-    """Simulate a run with `branches`, which are sorted by tick, and yield after each tick."""
+    """Simulate a run with `branches`, which are sorted by tick, and yield at least once per simulated second."""
     past, name = tuple(branches), _name(sim.scenario)
     if state := _STATES.latest(name, past):
         sim.restore(state)

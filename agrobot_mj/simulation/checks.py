@@ -62,7 +62,10 @@ class Numbers:
         self._parts = [(message._fields.index(n), Numbers(hints[n], name=f"{self.name}.{n}")) for n in parts]
 
     def check(self, message: Any, maker: str) -> None:
-        """Raise `NotFiniteError` for non-finite numbers and `ScenarioError` for other types. Errors name `maker`."""
+        """Raise `NotFiniteError` for a number that is not finite, and `ScenarioError` for a value that is not a number.
+
+        Error messages name the stage `maker`, which returned the message.
+        """
         for k, part in self._parts:
             part.check(message[k], maker)
         try:
@@ -87,7 +90,10 @@ class Numbers:
 
 
 def _shape(hint: Any, default: Any) -> str:
-    """Return the type of a field: "one" or "few" numbers, "many" (array), "none" (number or None), "message", or ""."""
+    """Return the type of a field: "one" number, "few" (tuple), "many" (array), "none" (number or None) or "message".
+
+    The result is "" for a field that is not checked.
+    """
     few = get_origin(hint) is tuple and set(get_args(hint)) == {float}
     if few or hint in (int, float):
         return "" if np.isnan(default).any() else "few" if few else "one"
@@ -121,7 +127,7 @@ class Stage(Generic[Message]):
         self.names, self.part, self.message, self.passed, self.method = (name, kind), part, message, passed, method
         self.maker, self.numbers = f"{name} ({kind})", Numbers(message)
         self.pending: tuple[Any, Message] | BaseException | None = None
-        """Result for the current tick if an episode has called the stage and ended before the tick, otherwise None."""
+        """Result or error for the current tick if an episode called the stage but ended before the tick, else None."""
 
     def update(self, *arguments: Any) -> tuple[Any, Message]:
         """Call a stage that has a state. Return the new state and the checked message."""
@@ -182,8 +188,9 @@ class Reception(NamedTuple):
     ) -> "tuple[Reception, Measurement]":
         """Return the new state and the checked measurement of a tick.
 
-        An invalid fix counts as missing. The last valid value replaces an invalid steering angle or pedal position.
-        Raises `NotFiniteError` if the invalid number comes from the plant or from a fault.
+        An invalid fix counts as missing. The last valid value replaces an invalid steering angle or pedal position. NaN
+        replaces an infinite value of another sensor. Raises `NotFiniteError` if the invalid number comes from the plant
+        or from a fault.
         """
         if not (suite.plain and conditions is NOMINAL):
             STATE.check(fetched(truth), f"the plant ({s.plant.kind})")
@@ -194,7 +201,7 @@ class Reception(NamedTuple):
     def checked(
         self, s: Scenario, sensors: SensorState, measured: Measurement, truth: Held[Truth]
     ) -> "tuple[Reception, Measurement]":
-        """Return the new state and the checked measurement, as `after`, for the new state of the sensors."""
+        """Return the new state and the checked measurement, as in `after`, for sensors that have already been read."""
         _, fix, _, steer, pedal, *optional, _ = measured
         sound = fix is None or possible(fix)
         if sound and sensors.sound and isfinite(steer + pedal) and inf not in map(abs, optional):
@@ -213,7 +220,7 @@ class Reception(NamedTuple):
 
 @shared
 def possible(fix: Fix) -> bool:
-    """Return whether the position and the speed of a fix are plausible. NaN is not plausible."""
+    """Return whether the position and the velocity of a fix are plausible. NaN is permitted for height and heading."""
     sound = abs(fix.z) != inf and abs(fix.heading) != inf  # NaN means "not reported"
     return sound and abs(fix.x) + abs(fix.y) < FARTHEST_M and abs(fix.vx) + abs(fix.vy) < FASTEST_M_S
 
@@ -246,7 +253,7 @@ def read_only(estimate: Estimate) -> Estimate:
 
 
 def steerable(s: Scenario, command: Command) -> Command:
-    """Return the command with a limited steering angle. Raises `NotFiniteError` for an implausible steering angle."""
+    """Return the command with its steering angle limited to the stops. Raises `NotFiniteError` above 90 deg."""
     if abs(command.steer) > ABSURD_STEER:
         angle = f"{degrees(command.steer):.4g} deg, more than 90 deg"
         raise NotFiniteError(f"command.steer is {angle}, returned by the guidance law ({s.guidance.kind}); use radians")

@@ -154,7 +154,7 @@ WHEEL_SIGNALS = tuple(
 
 
 class Here(NamedTuple):
-    """Time, position and pedal position from `Truth`, which determine whether a run ends."""
+    """True time, position and pedal position of the tractor, from which the end of a run is determined."""
 
     t: float
     x: float
@@ -185,7 +185,7 @@ write_row = stage(write_row)
 
 
 def row(k: Tick) -> tuple[Vector, Here]:
-    """Return the log row of a tick in the order of `COLUMNS`, with NaN in columns reported by stages, and `Here`."""
+    """Return the log row of a tick in the order of `COLUMNS`, and `Here`. Columns reported by stages are NaN."""
     values, m = np.empty(len(COLUMNS)), k.measured
     others = m.quality, m.steer, m.pedal, k.z_ref, k.command.speed, k.steer_ref, k.pedal_ref, k.saturated, k.faults
     here = write_row(values, k.truth, m.fix or NO_FIX, held(k.estimate), k.reference, k.drive, k.actuation, others)

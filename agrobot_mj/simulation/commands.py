@@ -14,7 +14,11 @@ LEAST_SPEED = 0.1  # Minimum absolute speed in the conversion of a yaw rate to a
 
 
 def command_of(loop: Loop, given: dict[str, float], speed: float | None) -> Command:
-    """Return the command for the steering arguments `given` (by name) and a speed [m/s]. Reject invalid arguments."""
+    """Return the command for at most one steering argument, `given` by name, and a speed [m/s].
+
+    Without a steering argument the guidance law steers. If `speed` is None, the speed is that of the reference. Raises
+    `CommandError` or TypeError for invalid arguments.
+    """
     numbers = given if speed is None else {**given, "speed": speed}
     for name, value in numbers.items():
         check_argument(name, value, hasattr(value, "__float__"), "a number")  # text has no __float__

@@ -5,7 +5,7 @@ the chi-square distribution.
 
 Position errors are correlated over minutes, so that a run may contain only one independent error. NEES_MOST is
 therefore the limit for a single sample. Innovations of a consistent filter are white, so that every statistic has at
-least LEAST independent samples. NIS_MOST is the limit for the mean of these samples.
+least 20 independent samples (`metrics.base.LEAST`). NIS_MOST is the limit for the mean of these samples.
 """
 
 from collections.abc import Iterator, Mapping

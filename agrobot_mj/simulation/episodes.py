@@ -1,9 +1,10 @@
 """Episodes: consecutive ticks of a run in one compiled call, without Python between the stages.
 
-An episode gives the same bits as the same ticks of a `Loop`. Its ticks are regular: without faults and events, with a
-receiver without latency. The stages are compiled separately and called by address (`core.calls`); a guidance law or an
-estimator in Python is called back (`interpreted`). An episode ends before a tick with an event, such as a change of the
-brake, the end of the path or a number that is not finite; `Simulation.step` then performs this tick.
+An episode and the same ticks of a `Loop` give bit-identical results. The ticks of an episode are regular: there are no
+faults and events, and the receiver has no latency. The stages are compiled separately and called by address
+(`core.calls`); a guidance law or an estimator in Python is called back (`interpreted`). An episode ends before a tick
+with an event, such as a change of the brake, the end of the path or a number that is not finite; `Simulation.step` then
+performs this tick.
 """
 
 from math import hypot, inf, isfinite, isnan, nan
@@ -76,7 +77,7 @@ class Code(NamedTuple):
 
 
 class Links(NamedTuple):
-    """Constant parameters of the stages, and addresses of the random streams of the sensors."""
+    """References to the constant parameters of the stages, and to the random streams of the sensors."""
 
     sensors: Held[Laws]
     streams: Held[Addresses]
@@ -99,7 +100,7 @@ class Columns(NamedTuple):
 
 
 class RunNumbers(NamedTuple):
-    """Further constant parameters of a run."""
+    """Constant parameters of a run, in addition to the parameters of the stages in `Links`."""
 
     dual: bool  # Whether the receiver has two antennas
     supervises: bool  # Whether the supervisor is active
@@ -114,7 +115,7 @@ class RunNumbers(NamedTuple):
 
 
 class PlannedPath(NamedTuple):
-    """Path, and references of the ticks, for an episode."""
+    """Sampled path, and the references of the ticks, for an episode of n ticks."""
 
     leg: tuple[float, float]  # Arc lengths of the start and end of the leg [m]
     sampled: float  # Arc length up to which the path is sampled [m], or infinity if it ends before
@@ -160,7 +161,7 @@ Sensing = tuple[Held[Values], SensorReadings, bool]
 
 
 class Planned(NamedTuple):
-    """Decisions of a tick before the plant moves. `Current` describes the fields without a comment."""
+    """Decisions of the control stages in a tick, before the plant moves. `Current` describes uncommented fields."""
 
     regular: bool  # Whether the episode may perform the tick
     guidance: Held[Any]
@@ -179,14 +180,14 @@ def _readings(r: SensorReadings) -> Readings:
 
 @jit
 def _fix(m: SensorReadings, s: RunNumbers) -> Fix:
-    """Return the fix of a measurement at the antenna."""
+    """Return the GNSS fix of a measurement, with the position and velocity of the antenna."""
     x, y, vx, vy, t, z = m.gnss
     return Fix(x, y, vx, vy, t, z, wrap(m.heading) if s.dual else nan)
 
 
 @jit
 def _fix_at_axle(receiver: MountedReceiver, m: SensorReadings, s: RunNumbers) -> Fix:
-    """Return the fix of a measurement at the rear axle."""
+    """Return the GNSS fix of a measurement, converted to the position and velocity of the rear axle."""
     fix, arm = _fix(m, s), receiver.arm
     return fix if arm[0] == 0.0 and arm[1] == 0.0 else at_axle(receiver, _readings(m), fix)
 
@@ -195,7 +196,10 @@ def _fix_at_axle(receiver: MountedReceiver, m: SensorReadings, s: RunNumbers) ->
 def _decided(
     now: Current, code: Code, links: Links, s: RunNumbers, path: PlannedPath, r: Reference, preview: float
 ) -> Planned:
-    """Return the decisions of the guidance law, the supervisor and the low-level loops."""
+    """Return the decisions of the guidance law, the supervisor and the low-level loops for the current tick.
+
+    `preview` is the path curvature for the feed-forward of the cascade [1/m].
+    """
     near, m = now.followed.s, now.readings
     leg, implement = path.leg, (m.implement_gnss.x, m.implement_gnss.y)
     seen = Situated(now.estimate, m.steering_pot, leg[0], leg[1], near, preview, m.gnss[4], m.imu.roll, implement)
@@ -235,7 +239,10 @@ def _logged(
     now: Current, planned: Planned, code: Code, plant: PlantCode, s: RunNumbers, r: Reference, height: float,
     row: Vector, poses: Matrix,
 ) -> tuple[Standstill, bool]:  # fmt: skip
-    """Write a row of the log. Return the new standstill state, and whether the tick ends the run or has failed."""
+    """Write a row of the log. Return the new standstill state, and whether a single tick must be performed instead.
+
+    The second result is True if the tick would end the run or has failed.
+    """
     m, d, pedal_ref = now.readings, planned.drive, planned.loops.speed.reference
     steer_ref = planned.loops.steering.reference
     saturated = 1.0 if abs(steer_ref) > s.saturation else 0.0
@@ -284,7 +291,7 @@ def _scatter(row: Vector, columns: Index, values: Vector) -> None:
 
 @jit
 def _moved(now: Current, drive: Drive, plant: PlantCode) -> tuple[bool, Held[Truth], TractorMotion, bool]:
-    """Advance the plant by a tick. Return success, the true state, the motion and the new value of `Current.clear`."""
+    """Advance the plant by a tick. Return True on success, the true state, the motion and the new `Current.clear`."""
     volts = drive.steer_voltage, nan if drive.brake > 0.0 else drive.pedal_voltage
     steps, done, count, clear = plant.samples.shape[1], True, 0, now.clear
     if clear:
@@ -314,7 +321,7 @@ def _is_valid(m: SensorReadings, sound: bool, s: RunNumbers) -> bool:
 def _estimated(
     now: Current, values: Held[Values], m: SensorReadings, code: Code, links: Links, s: RunNumbers
 ) -> tuple[bool, Current]:
-    """Update the estimate. Return whether the estimate is finite, and the new state with the measurement `m`."""
+    """Update the estimate with the measurement `m`. Return whether the estimate is finite, and the new state."""
     seen, fix = _readings(m), _fix_at_axle(now.receiver, m, s)
     if s.measured.size:
         x, y, vx, vy, t, z = m.gnss
@@ -343,10 +350,10 @@ def advance(
     now: Current, code: Code, plant: PlantCode, links: Links, s: RunNumbers, path: PlannedPath, values: Matrix,
     poses: Poses, steer: Vector,
 ) -> tuple[Current, int, int, Sensing]:  # fmt: skip
-    """Return the state after an episode, the number of its ticks, the reason for its end, and an invalid measurement.
+    """Perform an episode. Return the new state, the number of ticks, the reason for the end and an invalid measurement.
 
-    The state contains the last valid measurement. The invalid measurement is undefined for other reasons.
-    The rows of the log are written to `values` and `poses`. `steer` is an empty array, as in `sense`.
+    The state contains the last valid measurement. The last result is valid only if the reason is INVALID. The rows of
+    the log are written to `values` and `poses`. `steer` is an empty array, as in `sense`.
     """
     last = now.values, now.readings, True
     for k in range(path.heights.size):
@@ -382,7 +389,7 @@ def advance(
 
 
 LinkedStages = tuple[Linked, Linked, Linked | None]
-"""Estimator, guidance law and supervisor; None for an inactive supervisor."""
+"""Compiled estimator, guidance law and supervisor; None replaces an inactive supervisor."""
 NO_SAMPLES = np.zeros(0)
 SENSED = (
     *("gnss_z", "gnss_heading", "gyro", "imu_roll", "imu_pitch", "imu_force_x", "imu_force_y", "imu_force_z"),
@@ -405,10 +412,10 @@ def _code(stages: LinkedStages) -> Code:
 
 
 class Episodes:
-    """Episodes of the run of a `Loop`, logged in `Rows`."""
+    """Execution of a run in episodes: state of a `Loop`, log in `Rows`."""
 
     def __init__(self, loop: Loop, rows: Rows) -> None:
-        """Prepare the episodes of a run. Runs with other interpreted stages than law and estimator have no episodes."""
+        """Prepare the episodes of a run. A run has none if a stage other than law and estimator runs in Python."""
         self.loop, self.rows, self.paused, self.moving = loop, rows, -PAUSE, False
         self.interpreted = interpreted_stages(loop)
         self.possible = {"guidance", "estimator"}.issuperset(self.interpreted) and not loop.guidance.outside
@@ -424,7 +431,7 @@ class Episodes:
         )
 
     def _stages(self) -> LinkedStages | None:
-        """Return the estimator, the guidance law and the supervisor, or None if the next tick is not regular."""
+        """Return the stages for an episode, or None if the next tick is not regular, for example due to a fault."""
         loop, state = self.loop, self.loop.stages
         sensors = state.sensors.sensors
         s, regular = loop.scenario, self.possible and loop.has_sensed and state.conditions is NOMINAL
@@ -462,7 +469,7 @@ class Episodes:
         return found
 
     def retry(self) -> None:
-        """Try an episode at the next tick."""
+        """Permit an episode at the next tick, even if the last attempt was less than PAUSE ticks ago."""
         self.paused = -PAUSE
 
     def _perform(self, stages: LinkedStages, standstill: Standstill, most: int) -> tuple[int, Standstill]:

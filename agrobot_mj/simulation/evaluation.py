@@ -1,5 +1,5 @@
-"""Progress, log and metrics of a run. The metrics use their own samples of the path, so that the path samples of the
-guidance law do not change."""
+"""Evaluation of a run: its outcome, its log and its metrics. The metrics sample the path separately, so that the path
+samples of the guidance law do not change."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from agrobot_mj.simulation.loop import Loop
 
 
 class Evaluation:
-    """Evaluation of the log `rows` of a run."""
+    """Evaluation of a run, whose log is stored in `rows`."""
 
     def __init__(self, scenario: Scenario, loop: Loop, rows: Rows) -> None:
         self.scenario, self.loop, self.rows = scenario, loop, rows

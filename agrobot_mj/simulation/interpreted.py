@@ -42,7 +42,7 @@ def interpreted_law(
     law: Held[Exchange], state: Held[Exchange], last: tuple[float, float], samples: Matrix, seen: Situated,
     r: Reference, dt: float,
 ) -> tuple[Held[Exchange], Followed, float, Vector]:  # fmt: skip
-    """Call a guidance law in Python; see `deviation.law_form`."""
+    """Call a guidance law in Python from compiled code; `deviation.law_form` describes the results."""
     exchange, e, k = fetched(law), fetched(seen.estimate), 0
     given, found = exchange.inputs, exchange.outputs
     for value in (
@@ -62,7 +62,10 @@ def interpreted_law(
 def interpreted_estimator(
     settings: Held[Exchange], law: Held[Exchange], state: Held[Exchange], m: Readings, fix: Fix, quality: int, dt: float
 ) -> tuple[Held[Exchange], Held[Estimate], Vector]:
-    """Call an estimator in Python, which also reads `Interpreted.measured`; see `base.estimator_form`."""
+    """Call an estimator in Python from compiled code; `estimation.base.estimator_form` describes the results.
+
+    The estimator also reads the measurements in `InterpretedEstimator.measured`.
+    """
     exchange = fetched(law)
     for k, value in enumerate(fix):
         exchange.inputs[k] = value
@@ -76,7 +79,10 @@ def interpreted_estimator(
 
 
 def interpreted_stages(loop: Loop) -> tuple[str, ...]:
-    """Return the scenario tables of the stages that run in Python. Only `guidance` and `estimator` permit episodes."""
+    """Return the scenario tables of the stages that run in Python.
+
+    A run has no episodes if the result contains a stage other than `guidance` and `estimator`.
+    """
     s, suite = loop.scenario, loop.suite
     in_python = {
         "plant": type(loop.plant) is not MujocoPlant,
@@ -90,7 +96,7 @@ def interpreted_stages(loop: Loop) -> tuple[str, ...]:
 
 
 class Interpreted:
-    """Stage in Python with the function that compiled ticks call."""
+    """Stage in Python, with a C function through which compiled code calls the stage."""
 
     def __init__(
         self,
@@ -100,7 +106,7 @@ class Interpreted:
         read: Callable[[list[float]], Any],
         numbers: Callable[[Any], Sequence[float]],
     ) -> None:
-        """Prepare the function for a `stage` that consists of `part`.
+        """Prepare the C function that calls `stage`; `part` is the guidance law or the estimator of this stage.
 
         `sizes` are the number of inputs, and the number of outputs before the columns. `read` converts the inputs to
         the argument of the stage, and `numbers` converts the result to numbers; an error of `numbers` ends the episode.
@@ -146,15 +152,15 @@ class Interpreted:
 
 
 class InterpretedLaw(Interpreted):
-    """Guidance law in Python."""
+    """Guidance law in Python that compiled code calls."""
 
     def __init__(self, loop: Loop) -> None:
-        """Prepare the guidance law of `loop`."""
+        """Prepare the guidance law of `loop` for calls from compiled code."""
         super().__init__(loop.law, loop.guidance, (35, COMMAND), self._situation, self._numbers)
         self.route, self.machine, self.towed = loop.route, loop.scenario.tractor, loop.towed
 
     def linked(self, state: Any) -> Linked:
-        """Return the law for an episode that starts with the state `state`."""
+        """Return function and data of the law for an episode that starts with the state `state` of the law."""
         law = self.begin(state)
         return Linked(interpreted_law, law, law, UNKNOWN)
 
@@ -173,10 +179,10 @@ class InterpretedLaw(Interpreted):
 
 
 class InterpretedEstimator(Interpreted):
-    """Estimator in Python."""
+    """Estimator in Python that compiled code calls."""
 
     def __init__(self, loop: Loop) -> None:
-        """Prepare the estimator of `loop`."""
+        """Prepare the estimator of `loop` for calls from compiled code."""
         part, sizes = loop.scenario.estimator, (FIX + 19, ESTIMATE)
         super().__init__(loop.estimator, part, sizes, self._measurement, self._numbers)
         self.suite = loop.suite
@@ -187,7 +193,7 @@ class InterpretedEstimator(Interpreted):
         return self.exchange.inputs[FIX:]
 
     def linked(self, state: Any) -> Linked:
-        """Return the estimator for an episode that starts with the state `state`."""
+        """Return function and data of the estimator for an episode that starts with the estimator state `state`."""
         law = self.begin(state)
         return Linked(interpreted_estimator, law, law, law)
 

@@ -39,7 +39,7 @@ class SavedRows(NamedTuple):
 
 
 class Rows:
-    """Log arrays of a run, filled row by row."""
+    """Arrays that store the log of a run, filled row by row."""
 
     def __init__(self, ticks: int, wheels: int, bodies: int, reported: Sequence[Column] = ()) -> None:
         """Create empty arrays for up to `ticks` rows, with `wheels` wheel signals and the `reported` columns."""
@@ -69,12 +69,13 @@ class Rows:
 
     @property
     def values(self) -> Array:
-        """Values of all columns, shape (ticks, columns), in SI units. Rows from index `filled` on are undefined."""
+        """Values of all columns, shape (ticks, columns), in SI units. Rows with an index of `filled` or more are
+        undefined."""
         return self._values.numbers
 
     @property
     def poses(self) -> Array:
-        """Poses of the bodies, shape (ticks, bodies, 7). Rows from index `filled` on are undefined."""
+        """Poses of the bodies, shape (ticks, bodies, 7). Rows with an index of `filled` or more are undefined."""
         return self._poses.numbers
 
     def _make_room(self, end: int) -> None:
@@ -106,14 +107,14 @@ class Rows:
             self.extend(values, poses)
 
     def extend(self, values: Array, poses: Array) -> None:
-        """Append the rows `values` (n, columns) with the body poses `poses` (n, bodies, 7)."""
+        """Append n rows with the column values `values` (n, columns) and the body poses `poses` (n, bodies, 7)."""
         begin, end = self.filled, self.filled + len(values)
         self._make_room(end)
         self.values[begin:end], self.poses[begin:end] = values, poses
         self.filled = end
 
     def column(self, name: str, first: int = 0) -> Array:
-        """Return the filled rows of the column `name` from row `first` on, shape (n,); read-only."""
+        """Return the values of the column `name` in the filled rows, starting with row `first`; shape (n,), a view."""
         return self.values[first : self.filled, self.columns.index(name)]
 
 
@@ -192,8 +193,10 @@ class Log:
         return self.rows.poses[: self.rows.filled]
 
     def column(self, name: str) -> Array:
-        """Return column `name`, shape (ticks,). Raises ValueError for an unknown name, and TypeError if `name` is not a
-        string."""
+        """Return the values of the column `name`, shape (ticks,).
+
+        Raises ValueError for an unknown name, and TypeError if `name` is not a string.
+        """
         check_argument("name", name, isinstance(name, str), "the name of a column")
         if name not in self.rows.columns:
             raise MissingColumnError(name, self.rows.columns)

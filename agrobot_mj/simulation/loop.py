@@ -98,7 +98,7 @@ class Stages:
 
 
 class Loop:
-    """Stages of a scenario with their states. Each `tick` (`sense`, `decide` and `act`) is followed by `advance`."""
+    """Stages of a scenario and their states. A run alternates `tick` (`sense`, `decide` and `act`) and `advance`."""
 
     def __init__(self, scenario: Scenario, seen: Held[Truth] | None = None) -> None:
         """Create the stages in their initial state. `seen` is the true state of a saved run that is restored next."""
@@ -135,7 +135,7 @@ class Loop:
         parts: dict[str, Any] = {"guidance": self.guidance, "supervisor": self.supervisor, "estimator": s.estimator}
         parts |= {"sensors.sensors": self.suite, "steering": s.steering.loop}
         self.reporting = [(p, attrgetter(at)) for at, p in parts.items() if type(p).report is not Reporting.report]
-        """Components that report columns, each with a function that returns the component state from `stages`."""
+        """Stages that report log columns, each with a function that returns the state of the stage from `stages`."""
         self.loops = Stage("the low-level loops", "steering.loop, speed", LowLevelLoops(s), Drive, method="drive")
 
     def _arm(self) -> tuple[float, float]:

@@ -23,7 +23,10 @@ class LowLevelLoops:
         self.law = held(LoopsLaw(s.speed.parameters(), inner.parameters()))
 
     def drive(self, states: Any, measured: Measurement, situation: Situation, command: Command) -> Drive:
-        """Update the loop states in `states`. Return valve voltages and brake command. The command may bypass loops."""
+        """Update the loop states in `states`. Return the valve voltages and the brake command.
+
+        A steering voltage or a pedal position in `command` replaces the output of the respective loop.
+        """
         reference, other = situation.reference, self.other
         loop_command = loop_command_of(command, reference.vx == reference.vy == 0.0)
         steering: SteeringState = self.idle if other else states.steering

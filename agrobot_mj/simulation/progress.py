@@ -83,7 +83,8 @@ class Count:
             thread.join()
 
     def _due(self) -> bool:
-        """Return whether to print a line: BETWEEN_LINES_S after the last line or, for the last task, the start."""
+        """Return whether to print a line: BETWEEN_LINES_S after the last line or, for the last task, after the start of
+        the work."""
         now = time.monotonic()
         if now - (self.began if self.done >= self.total else self.told) < BETWEEN_LINES_S:
             return False
@@ -120,14 +121,17 @@ def span(seconds: float) -> str:
 
 
 class Progress:
-    """Progress bar or lines of one run. `began` is called after the first ticks, when all kernels are compiled."""
+    """Progress output of one run: a bar on a terminal, otherwise lines.
+
+    `began` is called after the first ticks, when all kernels are compiled.
+    """
 
     def __init__(self, began: Callable[[], None] = lambda: None) -> None:
         self.bar, self.rows, self.began, self.name = bar(), Rows(0, 0, 0), began, ""
         self.told = time.monotonic()
 
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
-        """Store the name of the run, and the log rows that determine the progress. `advance` displays the bar."""
+        """Store the name of the run, and the log rows from which the progress follows. `advance` displays the bar."""
         self.rows, self.name, self.told = rows, scenario.name or "run", time.monotonic()
 
     def advance(self, first: int) -> None:

@@ -61,7 +61,7 @@ def at_axle(s: MountedReceiver, m: Readings, fix: Fix) -> Fix:
 
 @shared
 def turned(s: MountedReceiver, m: Readings, yaw: float, speed: float, dt: float) -> MountedReceiver:
-    """Return the state after a tick of `dt` [s], for the estimated `yaw` [rad] and `speed` [m/s]."""
+    """Return the state of the receiver after a tick of `dt` [s], for the estimated `yaw` [rad] and `speed` [m/s]."""
     heading = s.yaw + dt * (_yaw_rate(s, m) + wrap(yaw - s.yaw) / SLOWLY_S)
     return MountedReceiver(s.arm, s.wheelbase, wrap(heading), speed, m.t)
 

@@ -21,7 +21,7 @@ from typing import Any
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.locks import locked
 
-MARK = ".agrobot-mj"  # File name of the mark: a comment line, then one name per line
+MARK = ".agrobot-mj"  # Name of the marker file, which contains a comment line, then one file name per line
 HEAD = "# agrobot_mj wrote the files listed here and may replace them; all other files in this folder are kept."
 PATIENCE_S = 60.0  # Maximum time to wait for another process that prepares a shared folder [s]
 MAIN_FILES = {"signals.parquet": "a run", "sweep.parquet": "a comparison or a sweep"}

@@ -46,9 +46,9 @@ def run(
     The same scenario gives bit-identical signals on the same machine. `should_stop` is called after each episode (see
     `Simulation.advance`); the run ends as `aborted` if this function returns True.
 
-    Each of the `branches` switches the noise to other random streams. If `branches` is given, even empty, states are
-    stored for other runs. `ticks` is a function that replaces the loop over all ticks: it begins the run or restores a
-    state, and yields after each tick.
+    Each of the `branches` switches the noise to other random streams. If `branches` is given, even empty, the process
+    stores states of the run, from which other runs can start. `ticks` is a function that replaces the loop over all
+    ticks: the function begins the run or restores a state, and yields after each tick or episode.
 
     Raises `ScenarioError` for an infeasible tractor and for a guidance law that is an external program.
     """
@@ -82,7 +82,8 @@ def run_with_watchers(
 ) -> Log:
     """Call `drive`, which simulates a run, inform the observers during the run, and return the log.
 
-    `drive` must call its second argument after each tick. `finish` may extend the log before the observers receive it.
+    `drive` must call its second argument after each tick or episode. `finish` may extend the log before the observers
+    receive the log.
     """
     for watcher in watchers:
         watcher.start(sim.scenario, sim.loop.plant.scene, sim.rows)

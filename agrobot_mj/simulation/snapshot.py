@@ -43,7 +43,7 @@ def loop_state(loop: Loop) -> LoopState:
 
 
 def set_loop_state(loop: Loop, state: LoopState) -> None:
-    """Set the state of a loop. The loop then owns the objects in `state`."""
+    """Set the state of a loop. The objects in `state` are not copied and must not be used elsewhere."""
     loop.plant.restore(state.plant)
     for name, value in state.stages.items():
         setattr(loop.stages, name, value)

@@ -123,7 +123,7 @@ class Simulation:
             return self._step(given, speed)
 
     def _step(self, given: dict[str, float], speed: float | None) -> Measurement:
-        """Perform `step`. If an error occurs after the log row was written, the state is incomplete."""
+        """Perform `step` without exclusive access. After an error that follows the log row, the state is incomplete."""
         self._require_whole()
         if self.done:
             raise CommandError(f"the run has ended ({self.outcome}); call reset()")
@@ -156,7 +156,10 @@ class Simulation:
             return self._last()
 
     def _perform_episode(self, most: int) -> int:
-        """Perform an episode of at most `most` ticks and return the number of its ticks. Short episodes are slow."""
+        """Perform an episode of at most `most` ticks and return the number of its ticks.
+
+        The result is 0 if no episode is possible, or if `most` is below SHORTEST.
+        """
         if most < SHORTEST:
             return 0
         try:
@@ -239,7 +242,7 @@ class Simulation:
         return NOTHING if self.done and self.loop.sensed is None else self._now()[0]
 
     def _seen(self) -> tuple[Measurement, Situation]:
-        """Return the result of `_now` for external callers, with exclusive access while the sensors are read."""
+        """Return the measurement and guidance inputs, as `_now` does, with exclusive access while sensors are read."""
         if self.done or self.loop.has_sensed:
             return self._now()
         with self._guard:
@@ -254,9 +257,9 @@ class Simulation:
         return self.loop.sensed
 
     def save(self, rows: SavedRows | None = None) -> Snapshot:
-        """Return a snapshot, from which `restore` continues bit-identically. Saving takes less time than half a tick.
+        """Return a snapshot, from which `restore` continues bit-identically.
 
-        `rows` replaces the copy of the log in the snapshot.
+        Saving takes less computing time than half a tick. `rows` replaces the copy of the log in the snapshot.
         """
         with self._guard:
             self._now()
@@ -343,7 +346,10 @@ class Simulation:
         return self.loop.route
 
     def log(self, wall_s: float = 0.0) -> Log:
-        """Return the log of the run so far, with metrics; `wall_s` is the wall time of the run [s]."""
+        """Return the log of the run so far, with metrics; `wall_s` is the wall time of the run [s].
+
+        The outcome in the log of an unfinished run is `aborted`.
+        """
         check_argument("wall_s", wall_s, hasattr(wall_s, "__float__"), "a number")
         with self._guard:
             return self._evaluation.log(self.outcome or "aborted", self.reason, wall_s, self.identity)
@@ -353,7 +359,7 @@ OWN = {
     *("scenario", "identity", "loop", "rows", "outcome", "reason"),
     *("_watch", "_evaluation", "_episodes", "_guard", "_broken_off"),
 }
-"""Names of the attributes that belong to `Simulation`; subclasses may add others."""
+"""Names of the attributes of `Simulation` itself. All other attributes belong to subclasses and are copied deeply."""
 
 
 def resumed(cls: type[Simulation], state: Snapshot) -> Simulation:
