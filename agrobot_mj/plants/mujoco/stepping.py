@@ -1,4 +1,4 @@
-"""Physics of one tick as a compiled loop over MuJoCo steps: valves, `mj_step1`, loads and tyres, `mj_step2`."""
+"""Physics of one tick: compiled loop over MuJoCo steps with valves, `mj_step1`, loads, tyres and `mj_step2`."""
 
 from math import atan2, cos, hypot, inf, isfinite, isnan, nan, radians, sin
 from types import GenericAlias
@@ -52,7 +52,7 @@ class TractorMotion(NamedTuple):
     body_rates: Vector
     steer: float
     pedal: float
-    spin: float  # Mean angular velocity of the driven wheels [rad/s]
+    spin: float  # Mean angular velocity of the rear wheels [rad/s]
     actuation: Vector
     """Steering oil flow [m3/s], steering cylinder pressure [Pa] and torque on the driven wheels [N m]."""
     fastest: float  # Maximum velocity component of CG and antenna [m/s], or infinity if the motion is not finite
@@ -174,9 +174,9 @@ def report_form(rig: Held[Any]) -> Report:
 
 @kernel
 def apply_tyres(v: Views, wheels: Index, tyred: Tyred, dt: float, last: bool = True) -> None:
-    """Advance the tyre of each body in `wheels` by one step, and write its wrench to `xfrc_applied`.
+    """Advance the tyre of each wheel body in `wheels` by one step, and write the tyre wrench to `xfrc_applied`.
 
-    The tyre quantities are complete only in the `last` step of a tick.
+    Except for the load, the log quantities in `tyred.report` are computed only in the `last` step of a tick.
     """
     c = v.root_com
     for i in range(wheels.size):
@@ -350,7 +350,7 @@ def motion_of(v: Views, omega: Vector, site: Array) -> Motion:
 
 @kernel
 def observe(rig: Held[Assembly]) -> TractorMotion:
-    """Return the motion of the tractor after the last step."""
+    """Return the motion of the tractor after the last physics step, with the state of actuators and implement."""
     v, _, attached, _, actuators, _, _, cg_site, antenna_site = fetched(rig)
     R, q, w = v.xmat[CHASSIS], v.qpos, v.qvel
     omega = to_world(R, (w[3], w[4], w[5]))
