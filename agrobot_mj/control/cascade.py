@@ -81,7 +81,7 @@ class Cascade(GuidanceLaw):
         return bool(self.controller.interpreted or self.law.interpreted or self.law.speed_network)
 
     def linked(self, state: CascadeState, machine: TractorParameters) -> Linked | None:
-        """Return the function and data for ticks in compiled code, or None if the yaw controller needs Python next."""
+        """Return the function and data for ticks in compiled code, or None if the next tick needs Python."""
         from agrobot_mj.control import cascade_tick  # imports this module
 
         return cascade_tick.linked(self, state, machine)

@@ -69,7 +69,7 @@ class SupervisorState(NamedTuple):
     pedal: float = 0.0  # Pedal reference while coasting and stopping [-]
     steer: float = 0.0  # Last steering command [rad]
     neutral_s: float = 0.0  # Time since the pedal reference reached neutral during a stop [s]
-    still_s: float = 0.0  # Time for which the tractor has been at rest during a stop [s]
+    still_s: float = 0.0  # Time with a neutral pedal or, after the power cut, at rest during a stop [s]
     released: bool = False  # Whether the power of the pedal valve has been cut
     reason: str = ""  # Reason for the stop
     limits: Held[Limits] | None = None  # Limits of the monitors, or None before the first tick
@@ -134,7 +134,7 @@ class Supervisor(SupervisorLimits):
         )
 
     def stopped(self, state: SupervisorState) -> bool:
-        """Return whether a controlled stop is complete: the tractor has been at rest for more than `settle_s`."""
+        """Return whether a controlled stop is complete: the time `still_s` of the state exceeds `settle_s`."""
         return state.mode is Mode.STOPPING and state.still_s > self.settle_s
 
     def _mode(self, e: Estimate, fix_age: float) -> Mode:
