@@ -53,7 +53,7 @@ def copy(source, target):
 
 
 def copied_without(names, place, *folders):
-    """Copy all files under version control, or those in some folders, except those of some extensions."""
+    """Copy all files under version control, or the files in some folders, except the files of some extensions."""
     listed = subprocess.run(["git", "ls-files", "-z", *folders], cwd=ROOT, capture_output=True, check=True)
     gone = [(folder, "extensions", name) for folder in FOLDERS for name in names]
     for name in filter(None, listed.stdout.decode().split("\0")):

@@ -1,4 +1,4 @@
-"""Closed loop on a field: completion, and accuracy as of the receiver after acquisition."""
+"""Closed loop on a field: the tractor completes its work and, after acquisition, is as accurate as the receiver."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from agrobot_mj.simulation.log import Log
 
 
 def worked(controller: str, **path: Any) -> Log:
-    """Return the run of a field."""
+    """Return the log of a run on a field, with the path keys `path`."""
     return run(resolve({"controller": {"kind": controller}, "path": {"kind": "swaths", **path}}, "field"))
 
 

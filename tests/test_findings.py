@@ -45,7 +45,7 @@ def test_error_ratio_is_a_mean_over_paired_seeds_and_counts_failures():
 
 
 def plan_of(sweep):
-    """Yield the runs of a sweep, with tables of axes as text, as in the results table."""
+    """Yield variant, seed and parameters of each run of a sweep. Tables are JSON text, as in the results table."""
     for run in SweepPlan(read_sweep(sweep)).runs():
         shown = {key: json.dumps(v) if isinstance(v, dict) else v for key, v in run.parameters.items()}
         yield {"variant": run.variant, "seed": run.seed, **shown}

@@ -1,4 +1,4 @@
-"""Built wheel, installed outside the checkout: contains its models and scenarios, and runs a scenario by name."""
+"""Wheel installed outside the checkout: the package contains models and scenarios, and runs a scenario by name."""
 
 import os
 import subprocess
@@ -35,7 +35,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def site(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with the installed wheel only. Its dependencies are those of the test environment."""
+    """Return a folder with the installed wheel only. The dependencies come from the test environment."""
     pytest.importorskip("pip")
     folder = tmp_path_factory.mktemp("site")
     options = ("--quiet", "--no-deps", "--no-index", "--target", str(folder))

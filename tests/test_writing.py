@@ -35,7 +35,7 @@ def docstrings(module):
 
 
 def found_in(text):
-    """Return the advice on the first banned construction in a text; empty without one."""
+    """Return the advice on the first banned construction in a text, or "" if the text contains none."""
     for advice, pattern in BANNED.items():
         if (re.match if advice.startswith("start") else re.search)(pattern, re.sub("`[^`]*`", "", text)):
             return advice

@@ -46,7 +46,7 @@ def test_integral_is_constant_while_the_heading_is_unknown(law, start):
 
 @pytest.mark.parametrize(("start", "law"), by_turns(TURNED, LAWS[:2]))
 def test_row_crop_tractor_acquires_its_line(law, start):
-    """With lqr after the hard turn of the second start, `ekf_full` takes 4 deg of transient sideslip for heading."""
+    """After the hard turn of the second start, `ekf_full` interprets 4 deg of transient sideslip as a heading error."""
     more = {"sensors.imu.enabled": True, "estimator.terrain_compensation": True, "physics": "fast"}
     metrics = acquisition(law, start, {"machine": "row_crop", "plant.kind": "mujoco", **more})
     assert metrics["acquired_s"] < (35.0 if (law, start) == ("lqr", TURNED[1].values[0]) else 12.0)

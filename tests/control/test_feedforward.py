@@ -23,7 +23,7 @@ def situation(path: Bend, heading: float = 0.0, speed: float = 1.2, t: float = 1
 def test_yaw_rate_setpoint_is_limited_by_steering_rate_and_response_time(
     law: Kinematic | Feedforward, speed: float
 ) -> None:
-    """Wheels that need a second from lock to straight ahead stop the yaw rate g within g^2 L / (2 u rate).
+    """If the wheels need a second from lock to straight ahead, a turn at the yaw rate g ends within g^2 L / (2 u rate).
 
     The minimum time for correcting an error is 0.3 s, the response time of the steering.
     """
@@ -39,7 +39,7 @@ def test_yaw_rate_setpoint_is_limited_by_steering_rate_and_response_time(
 
 @pytest.mark.parametrize(("speed", "factor"), [(0.6, 1.0), (1.5, 1.0), (6.0, 2.0)])
 def test_tuned_law_corrects_errors_faster_at_higher_speed(speed: float, factor: float) -> None:
-    """At a large distance from a path 0.3 rad from east, tanh is 1, so the result is the saturation."""
+    """The path is distant and 0.3 rad from east, so tanh is 1 and the correction velocity equals the saturation."""
     near = situation(Bend(speed), speed=speed)
     aside = near._replace(estimate=near.estimate._replace(y=near.estimate.y - 100.0))
 

@@ -142,7 +142,7 @@ def test_commanded_speed_has_the_sign_of_the_path_segment(law: Following, speed:
 def test_lagging_tractor_exceeds_the_path_speed_only_near_the_path(
     law: Following, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """During the approach the speed is that of the path, since a higher speed makes the steering too slow."""
+    """During the approach the tractor has the path speed, because at a higher speed the steering would be too slow."""
     monkeypatch.setattr(following, "MAX_HEADING_CHANGE", np.inf)  # wheels remain straight
     path, l_r = Bend(1.2), MACHINE.cg_to_rear_axle
     r, route = path.at(10.0), SampledRoute(path)
@@ -203,7 +203,7 @@ def test_pure_pursuit_on_circle_steers_for_the_rear_axle_radius() -> None:
 
 
 def test_lqr_integral_is_frozen_at_the_steering_limit() -> None:
-    """With a large offset and a small steering limit, the integral is below 30 % of that without anti-windup."""
+    """With a large offset and a small steering limit, the integral is below 30 % of its value without anti-windup."""
     law = Lqr(approach_deg=80.0, lateral_acceleration_m_s2=0.05, integral_limit_deg=45.0)
     d = drive(law, Bend(1.2), 20.0, offset=1.5)
     integral = np.array([report[-1] for report in d.reports])

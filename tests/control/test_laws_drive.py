@@ -18,7 +18,7 @@ INSIDE = [kind for kind in families()["guidance"].values() if not kind().outside
 
 
 def kinds(laws: list[Any]) -> list[Any]:
-    """Return the test parameters of guidance laws."""
+    """Return the kinds of guidance laws as test parameters; `nmpc` is skipped without casadi."""
     return [pytest.param(law().kind, marks=[NEEDS_CASADI] if law is Nmpc else [], id=law.__name__) for law in laws]
 
 

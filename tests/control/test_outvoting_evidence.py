@@ -1,4 +1,4 @@
-"""Supervisor checks without single fixes: inertial unit, wheel speed against fix speed, approach to the path."""
+"""Supervisor checks that use no single fix: inertial unit, wheel speed against fix speed, approach to the path."""
 
 from math import nan, radians, sin
 from types import SimpleNamespace
@@ -15,7 +15,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 
 
 def attitude(angles, forces=None, moving=True):
-    """Return the evidence after pairs of roll and pitch [deg], with specific forces at the tilts `forces` [deg]."""
+    """Return the attitude evidence after pairs of roll and pitch [deg]; `forces` [deg] are the tilts of the forces."""
     evidence = AttitudeEvidence()
     for k, (roll, pitch) in enumerate(angles):
         readings = {}

@@ -75,7 +75,7 @@ def _valve_rate(v: float, dead: float, gain: float, limit: float) -> float:
 
 
 def _steer_step(loop: SteeringLoop, target: float, seconds: float = 8.0) -> np.ndarray:
-    """Return the steering angle per tick [rad], for delay and lag 0.1 s, dead band 0.4 V, and 0.12 rad/s per V."""
+    """Return the wheel angle per tick [rad]: 0.1 s delay and lag, 0.4 V dead band, and 0.12 rad/s per V."""
     dt, steer, spool, state = 0.005, 0.0, 0.0, loop.init()
     queue, angles = deque([0.0] * round(0.1 / dt)), []
     for _ in range(round(seconds / TICK)):
@@ -104,7 +104,7 @@ def test_steering_error_below_tolerance_gives_neutral_voltage() -> None:
 
 
 def _drive(loop: SpeedLoop, target: float, seconds: float = 15.0) -> tuple[np.ndarray, np.ndarray]:
-    """Return speed [m/s] and pedal [-] per tick, for dead band 0.3 V, 0.5 /s per V, full speed 5 m/s, and lag 0.4 s."""
+    """Return speed [m/s] and pedal [-] per tick: 0.3 V dead band, 0.5 1/s per V, 5 m/s full speed, and 0.4 s lag."""
     dt, pedal, speed, state = 0.005, 0.0, 0.0, loop.init()
     speeds, pedals = [], []
     for _ in range(round(seconds / TICK)):

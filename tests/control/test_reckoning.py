@@ -36,9 +36,9 @@ def drive(
 ):
     """Return ratios of distance to standard deviation, with their times, on straights of 20 s and half circles.
 
-    There is a fix every `every` ticks, delayed by `late` ticks. `wheel` scales the wheel speed. The towed implement is
-    `hitched`, and `known` in the supervisor; the sideslip `slip_deg` depends on its angle. `weight` is the vertical
-    specific force divided by g, and `quality` the quality of the fixes.
+    There is a fix every `every` ticks, delayed by `late` ticks. `wheel` scales the wheel speed. `hitched` is the
+    towed implement, and `known` the implement that the supervisor assumes; the sideslip `slip_deg` depends on the angle
+    of the implement. `weight` is the vertical specific force divided by g, and `quality` is the quality of the fixes.
     """
     noise = np.random.default_rng(seed)
     x = y = yaw = wander = swing = 0.0

@@ -67,7 +67,7 @@ def test_exceeded_limit_stops_the_tractor_with_the_limit_as_reason(bad, fix, wor
 
 
 def supervised(ticks, frozen=10**9, claimed=Quality.FIX, **readings):
-    """Return the state after `ticks` straight on at 1.2 m/s, with some measurements replaced by a number or a list.
+    """Return the state after `ticks` of straight motion at 1.2 m/s. Measurements may be replaced by a number or a list.
 
     The position is the integral of the fix speed with noise of 1 cm. From tick `frozen` on, it is constant with the
     quality `claimed`.

@@ -23,7 +23,7 @@ LAW = """
 
 
 def differing(one, other):
-    """Return the names of the identity parts that differ."""
+    """Return the names of the parts in which two run identities differ."""
     return [name for name, a, b in zip(Identity._fields, one, other, strict=True) if a != b]
 
 

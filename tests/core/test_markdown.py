@@ -1,4 +1,4 @@
-"""Tables in Markdown."""
+"""Markdown tables: alignment, escaped separators, padding for terminals, and rows of wrong length."""
 
 import pytest
 

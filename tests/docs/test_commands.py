@@ -1,7 +1,7 @@
 """All commands in the README and the pages of docs/ are valid.
 
-The command line parses all commands. Their keys, scenarios, scripts, commands and extras must exist. Short commands run
-for half a second here, and all others run in the order of the page with `pytest -m slow`.
+The command line parses all commands. Their keys, scenarios, scripts, commands and extras must exist. Short commands are
+run for half a second by default; with `pytest -m slow`, all other commands are run in the order of the page.
 """
 
 import importlib.util

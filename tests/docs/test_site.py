@@ -79,7 +79,7 @@ def test_the_public_python_names_are_in_the_reference():
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """Return the folder of the site, built as by `make docs`."""
+    """Return the folder of the documentation site, which is built as `make docs` does."""
     pytest.importorskip("mkdocs", reason="needs the builder of the documentation; `make docs` installs it")
     folder = tmp_path_factory.mktemp("site")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]), "NO_MKDOCS_2_WARNING": "1"}

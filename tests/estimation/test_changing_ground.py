@@ -100,7 +100,7 @@ def traverse():
 
 
 def test_bumps_are_not_interpreted_as_turns(tmp_path):
-    """A bump rotates the body about its centre. As bends, class D bumps would cause heading errors of 4 deg."""
+    """A bump rotates the body about its centre. If interpreted as bends, class D bumps would cause 4 deg of error."""
     case = next(case for case in CASES if case.name == "rough ground of class D")
     bumpy = drive(case, 6, tmp_path, 60.0)
     trace = follow(bumpy, case.estimator, 751, nominal)

@@ -44,7 +44,7 @@ def test_one_hundred_filter_steps_equal_filterpy(n, m, filterpy):
 
 @pytest.fixture
 def ticks(monkeypatch):
-    """Record the arguments of every filter tick, and compare its result with that of filterpy."""
+    """Record the arguments of every filter tick, and compare the result of the tick with the result of filterpy."""
     recorded = []
 
     def compared(*arguments):

@@ -17,7 +17,7 @@ STEER_NOISE = radians(0.06)  # Standard deviation of the filtered potentiometer 
 
 
 class Step(NamedTuple):
-    """True pose at R and the estimate of the same tick."""
+    """True pose of the rear-axle point R, and the estimate in the same tick."""
 
     pose: Array
     yaw_rate: float

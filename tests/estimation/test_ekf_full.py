@@ -169,7 +169,7 @@ def test_gnss_latency_increases_the_error_by_less_than_2_cm(drive):
 
 
 def test_delayed_fix_updates_the_state_of_its_own_time():
-    """For a varying delay in ticks, the filter state is bit-identical to that with immediate fixes."""
+    """For a varying delay in ticks, the filter state is bit-identical to the state with immediate fixes."""
     estimator, prompt = EkfFull(), simulated(EkfFull(), 20.0)
     fixes = [None, *(m for m in _measurements(20.0))]
     state = estimator.init(0.0, 0.0, 0.3, TRACTOR)

@@ -84,7 +84,7 @@ def test_position_of_a_rolling_and_pitching_tractor_is_accurate(kind, yaw):
 @pytest.mark.parametrize("kind", [Ekf, EkfBias])
 @pytest.mark.parametrize("attitude", [(0.2, nan), (nan, 0.2), (nan, nan)])
 def test_roll_without_a_pitch_measurement_is_ignored(kind, attitude):
-    """The CG offset is then that of level ground, and the lever arm of the antenna does not change."""
+    """The CG offset then equals the offset on level ground, and the lever arm of the antenna does not change."""
     estimator = kind(terrain_compensation=True)
     state = estimator.init(1.0, 2.0, 0.5, TRACTOR)
     fix = Fix(1.0, 2.0, 0.0, 0.0)
@@ -97,7 +97,7 @@ def test_roll_without_a_pitch_measurement_is_ignored(kind, attitude):
 
 @pytest.mark.parametrize("heading_deg", [0.0, 90.0, 180.0, 270.0])
 def test_cg_position_on_a_slope_is_accurate_at_any_heading(heading_deg):
-    """On the MuJoCo plant, 10 deg uphill to the north, driven east, uphill, west and downhill."""
+    """The MuJoCo tractor drives east, uphill, west and downhill on a slope that rises by 10 deg to the north."""
 
     def error(compensated):
         log = run(

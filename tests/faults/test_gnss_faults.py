@@ -153,7 +153,7 @@ def test_fix_qualities_are_ordered_by_accuracy():
 
 
 def ages(own_s, extra, ticks=60):
-    """Return the latency of the solution delivered in each tick [ticks], None without one; `extra(k)` is in ticks."""
+    """Return the latency of the solution of each tick [ticks], or None; `extra(k)` adds ticks of latency."""
     gnss = PERFECT.model_copy(update={"latency_s": own_s})
     told = delivered(gnss, [NOMINAL._replace(gnss_latency_s=extra(k) * TICK_S) for k in range(ticks)])
     return [None if fix is None else round(k - fix.x / TICK_S) for k, (fix, _) in enumerate(told)]

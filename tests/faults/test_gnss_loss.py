@@ -22,7 +22,7 @@ def log(request):
 
 @pytest.fixture(scope="module")
 def gentle():
-    """Return the run with a steering reference that changes no faster than the valve."""
+    """Return the run in which the rate of the steering reference is limited to the maximum rate of the valve."""
     return run(load_scenario("circle", {**CIRCLE, "steering.loop.reference_rate_deg_s": valve_rate()}))
 
 

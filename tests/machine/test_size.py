@@ -21,7 +21,7 @@ G = 9.81
 
 
 def test_default_tyres_of_a_light_tractor_have_the_minimum_pressure():
-    """0.6 bar in k = 0.00028 p sqrt((1.03 - 0.004 a) b d) + 3.45 [kgf/mm], with p in kPa, a in %, and b and d in mm."""
+    """Stiffness k = 0.00028 p sqrt((1.03 - 0.004 a) b d) + 3.45 [kgf/mm], for p = 60 kPa, a in %, and b and d in mm."""
     for wheel, b, d in ((COMPACT.front_wheel, 160, 560), (COMPACT.rear_wheel, 240, 840)):
         assert wheel.stiffness == pytest.approx(9806.65 * (0.00028 * 60 * sqrt((1.03 - 0.3) * b * d) + 3.45))
         assert wheel.damping == pytest.approx(2 * 0.15 * sqrt(wheel.stiffness * wheel.load / G))

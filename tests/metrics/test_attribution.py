@@ -107,7 +107,7 @@ def test_main_cause_of_the_cross_track_error_is_identified_from_the_log(cause: s
 
 @pytest.mark.parametrize("own_s", [0.3, 0.2, 0.0])
 def test_gnss_latency_is_the_cause_of_only_the_longitudinal_error(own_s: float) -> None:
-    """The latency is that of the receiver, of a fault from 6 s to 13 s, or the sum of both."""
+    """Cases are the latency of the receiver, the latency of a fault from 6 s to 13 s, and the sum of both."""
     t, fault = np.arange(0.0, 20.0, 0.05), GnssLatency(start_s=6.0, end_s=13.0, latency_s=0.3)
     late_s = own_s + np.where((t > 5.99) & (t < 12.99), 0.3, 0.0)
     late = 1.5 * np.maximum(t - late_s, 0.0)

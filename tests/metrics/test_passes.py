@@ -83,7 +83,7 @@ def test_run_in_section_is_excluded_from_pass_to_pass_metrics() -> None:
 
 
 def test_pass_to_pass_p95_uses_error_magnitudes_at_equal_distances() -> None:
-    """The second pass is off on 2 of the 30 m next to the first pass."""
+    """The second pass deviates on 2 m of the 30 m that are next to the first pass."""
     path = Swaths(**SMALL, count=2)
     found = judged(path, lambda k, a: -0.3 if k == 1 and 24 <= a <= 26 else 0.0)
     assert found["pass_to_pass_p95_m"] == pytest.approx(0.3)

@@ -169,7 +169,7 @@ def test_oil_column_torque_reverses_soon_after_a_long_pressure_relief():
 
 
 def test_uncompensated_valve_stalls_at_its_supply_pressure():
-    """The pressure stays below that of the relief valve, and the flow ends."""
+    """The pressure stays below the pressure of the relief valve, and the flow ends."""
     flow, pressure = pushed_against_held_wheels(Valve(supply_pressure_bar=60.0))
     assert pressure == pytest.approx(60.0, rel=0.01)
     assert flow == pytest.approx(0.0, abs=0.5)
@@ -335,7 +335,7 @@ def test_removal_of_mass_from_the_chassis_reduces_its_inertia():
 
 
 def test_true_attitude_and_velocities_agree_with_finite_differences():
-    """Finite differences are those of the site positions during a short free fall."""
+    """The finite differences are computed from positions of sites of the model during a short free fall."""
     yaw, pitch, roll = 0.7, 0.2, -0.3
     plant = placed(yaw, pitch, roll)
     plant.data.qvel[:6] = 1.1, -0.4, 0.2, 0.3, -0.2, 0.5

@@ -111,7 +111,7 @@ def test_tractor_with_impossible_parameters_is_rejected(change, message):
 
 
 def test_error_for_impossible_inertias_suggests_possible_inertias():
-    """Suggested inertias are those of a tractor of the same shape: 16 times the default at twice its length."""
+    """The error suggests the inertias of a tractor of the same shape: 16 times the default at twice the length."""
     with pytest.raises(ValueError, match=r"set them to") as refused:
         written(TractorParameters(mass_kg=3000, wheelbase_m=2.8, yaw_inertia_kg_m2=100.0))
     found = [float(x) for x in re.findall(r"([\d.e+]+)(?:,| and| for)", str(refused.value).partition("set them to")[2])]

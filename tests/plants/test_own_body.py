@@ -1,4 +1,4 @@
-"""User-defined body of a machine: the template moves like the default tractor, its numbers are those of the file, and
+"""User-defined body of a machine: the template moves like the default tractor, its numbers come from the file, and
 an invalid body is rejected in one message."""
 
 import re
@@ -53,7 +53,7 @@ def test_body_template_gives_the_default_parameters():
 def test_run_with_the_body_template_agrees_with_the_default_tractor(scenario):
     """Results differ slightly, because masses are rounded to nine digits and 0.5 kg of the crank belong to the axle.
 
-    The gains are those of the paper, because a faster network would amplify the difference.
+    The test uses the gains of the paper, because a network with a higher learning rate would amplify the difference.
     """
     mine, default = (driven(scenario, 30.0, gains="paper", **keys) for keys in ({"tractor.mjcf": str(TEMPLATE)}, {}))
     for name, bound in (("x", 1e-3), ("y", 1e-3), ("yaw", 1e-3), ("steer", 2e-3), ("roll", 1e-4)):

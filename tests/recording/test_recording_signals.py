@@ -33,7 +33,7 @@ def names(recorded, path):
 
 
 def check_plot(recorded, signals, plot):
-    """Check that times and values of a plot equal those of its columns."""
+    """Check that the times and values of a plot equal the times and values of its log columns."""
     columns, every = [series.column for series in plot.series], slice(None, None, plot.every)
     expected = np.array([signals[name][every] * (-1 if name in NEGATIVE else 1) for name in columns])
     there = np.isfinite(expected).all(axis=0)

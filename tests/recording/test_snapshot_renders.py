@@ -141,7 +141,7 @@ def test_images_rendered_before_a_crash_are_kept(eight, tmp_path, monkeypatch, c
             clients.append(self)
 
         def set_blueprint(self, layout, scope):
-            """Do nothing; the viewer's client has this method."""
+            """Do nothing. The real client of the viewer has this method."""
 
         def get_state(self):
             line = SimpleNamespace(name="sim_time", end=25_400_000_000)

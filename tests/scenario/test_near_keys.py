@@ -1,4 +1,4 @@
-"""Suggestions for unknown keys, options and names: similar names, first those of the same table."""
+"""Suggestions for unknown keys, options and names: similar names, starting with names in the same table."""
 
 import re
 

@@ -195,7 +195,7 @@ def test_table_without_a_kind_key_has_the_default_kind():
 
 @pytest.mark.parametrize("tyre", [member.model_fields["kind"].default for member in every(Tyre)])
 def test_overriding_one_key_leaves_all_other_keys_at_their_defaults(tyre):
-    """This includes parts whose default differs from that of their class, such as the gains of one loop."""
+    """This includes tables whose default differs from the default of their class, such as the gains of one loop."""
     default = load_scenario("straight_line", {"plant.tyre.kind": tyre})
     for key, value in leaves(default.model_dump(mode="json", exclude_none=True)):
         if not key.endswith("kind"):

@@ -66,7 +66,7 @@ def test_worse_fix_quality_of_a_gnss_fault_takes_precedence_over_canopy():
 
 
 def test_canopy_does_not_change_the_noise_of_fixes_outside_of_it():
-    """Outside the canopy the fixes equal those of a receiver without a canopy."""
+    """Outside the canopy, the fixes equal the fixes of a receiver without a canopy."""
     fixes = []
     for canopy in ((Canopy(points=STRIP),), ()):
         gnss = Gnss(canopy=canopy)

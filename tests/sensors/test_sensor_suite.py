@@ -101,7 +101,7 @@ def test_every_sensor_follows_the_protocol(name):
 
 @pytest.mark.parametrize("name", Sensors().all)
 def test_sensor_faults_do_not_change_the_noise_after_the_fault(name):
-    """After a fault the measurements equal those of a run without the fault."""
+    """After a fault, the measurements equal the measurements of a run without the fault."""
     sensor, readings = ALL_ON.all[name], []
     for conditions in (NOMINAL, ILL):
         state = sensor.init(3)

@@ -242,7 +242,7 @@ def test_interrupts_end_a_run_only_between_ticks(monkeypatch):
         return advance(*arguments)
 
     class Seen:
-        """Observer of a run."""
+        """Observer that stores the rows and the error of a run."""
 
         rows, error = None, None
 

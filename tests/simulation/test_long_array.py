@@ -21,7 +21,7 @@ SCENARIO = ("circle", {"plant.kind": "bicycle", "duration_s": 6.0})
 
 @pytest.fixture
 def small(monkeypatch):
-    """Set the block size to 24 rows, and that of written tables to 50 rows."""
+    """Set the block size of stored logs to 24 rows, and the block size of written tables to 50 rows."""
     monkeypatch.setattr(long_array, "PIECE", 24)
     monkeypatch.setattr(logs, "PIECE", 50)
 

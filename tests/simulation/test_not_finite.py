@@ -62,7 +62,7 @@ def second(**fields):
 
 
 def without(field, state):
-    """Return the state of an estimator with NaN in an array."""
+    """Return the state of an estimator in which the array `field` is NaN."""
     numbers = fetched(state.numbers)
     return state._replace(numbers=held(numbers._replace(**{field: getattr(numbers, field) * nan})))
 

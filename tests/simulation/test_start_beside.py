@@ -1,4 +1,4 @@
-"""Runs with an initial lateral offset: plant and estimator start there, and errors refer to the path."""
+"""Runs with an initial lateral offset: plant and estimator start at the offset, and errors refer to the path."""
 
 from math import degrees, hypot
 

@@ -169,7 +169,7 @@ PROBLEMS = """() => [...document.querySelectorAll('.chart')].flatMap(chart => {
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_report_renders_in_a_browser_without_errors(folders, kind):
-    """Page widths are those of a desktop and of a phone. AGROBOT_CHROMIUM may name another browser."""
+    """The page has the widths of a desktop and of a phone screen. AGROBOT_CHROMIUM may name another browser."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     said = []
     with playwright.sync_playwright() as p:

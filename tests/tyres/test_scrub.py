@@ -1,4 +1,4 @@
-"""Scrubbing moment of a turning patch, as of a brush with the width of the patch."""
+"""Scrubbing moment of a turning contact patch, which equals the moment of a brush with the width of the patch."""
 
 from math import sqrt
 

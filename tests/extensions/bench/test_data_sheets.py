@@ -18,8 +18,8 @@ class ClosedForms:
     """Closed-form data of a machine without an implement on the default tyres, from its keys and statics.
 
     Tyre curves are linear: cornering stiffness k per load at the static load, which changes by a quarter of the change
-    of load; rolling resistance rho; trail t; friction mu, which falls by 8 % for a doubled load; and scrub as of
-    brushes with the width of the patch and a slip stiffness of ten times the load.
+    of load; rolling resistance rho; trail t; and friction mu, which falls by 8 % for a doubled load. The scrubbing
+    moment is the moment of brushes with the width of the patch and a slip stiffness of ten times the load.
     """
 
     def __init__(self, machine):
@@ -70,7 +70,7 @@ class ClosedForms:
         return degrees(self.m / self.L * ((self.l_r + lever) / C_f - (self.l_f - lever) / C_r))
 
     def holding(self):
-        """Return the slope [deg] for a brake of 3.55 m/s2 [EU2015] at the free radius and rolling radius R - d / 3."""
+        """Return the slope [deg] held by a brake for 3.55 m/s2 [EU2015] at the free radius, rolling at R - d / 3."""
         return degrees(asin(3.55 / G * self.R_r / (self.R_r - self.d_r / 3)))
 
     def climbing(self):

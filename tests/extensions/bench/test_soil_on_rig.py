@@ -33,7 +33,7 @@ def numbers(soil, wheel, W):
 
 
 def longitudinal(soil, wheel, W, kappa):
-    """Return gross traction minus motion resistance [N]. The tyre's own loss, 0.04 in both terms, is a moment here."""
+    """Return gross traction minus motion resistance [N]. The tyre loss, 0.04 in both terms, acts as a moment."""
     B_n, _ = numbers(soil, wheel, W)
     s = kappa / (1 + kappa) if kappa > 0 else kappa
     gross = np.sign(s) * 0.88 * (1 - exp(-0.1 * B_n)) * (1 - exp(-7.5 * abs(s)))
@@ -43,7 +43,7 @@ def longitudinal(soil, wheel, W, kappa):
 
 
 def lateral_shape(soil, wheel, W):
-    """Return mu and B of the lateral force curve."""
+    """Return the coefficients mu and B of the lateral force mu W (1 - exp(-B alpha)) [-, 1/rad]."""
     _, M = numbers(soil, wheel, W)
     if soil.ply == "bias":
         mu = 0.61 + 0.69 / M
@@ -90,7 +90,7 @@ def test_soil_force_law_evaluated_alone_equals_the_published_formula(ply, wheel,
     ("cone_index_kpa", "front", "rear"), [(450.0, 5.0, 8.9), (1200.0, 7.4, 15.0), (1800.0, 9.3, 20.0)]
 )
 def test_cornering_stiffness_at_each_cone_index_equals_documentation(cone_index_kpa, front, rear):
-    """Values [kN/rad] from docs/reference/models.md, for tyre deflections of a quarter of the section height."""
+    """Values [kN/rad] in docs/reference/models.md are for deflections of a quarter of the section height."""
     soil = Soil(cone_index_kpa=cone_index_kpa)
     stiffnesses = [STATIC[wheel] / (0.25 * 0.75 * SIZES[wheel][0]) for wheel in (FRONT, REAR)]
     names = ("front_tyre_stiffness_n_m", "rear_tyre_stiffness_n_m")

@@ -30,7 +30,7 @@ def followed(offset):
 
 
 def found(offset, angle=None, spacing=0.75):
-    """Return the rows run over with a lateral offset [m]. Rows are rotated from the swaths by `angle` [deg]."""
+    """Return the crop rows run over at a lateral offset [m]. The rows are rotated from the swaths by `angle` [deg]."""
     rows = CropRows(spacing, PLAN.angle_deg + (angle or 0.0))
     return run_over(rows, PLAN, BODY, machine(), followed(offset))
 

@@ -60,7 +60,7 @@ def test_fields_page_documents_the_three_field_commands():
 
 
 def test_error_for_a_field_run_on_a_plan_folder_states_the_required_option(tmp_path, call):
-    """The coordinates of a plan are those of its boundary file, which is not in the folder of the plan."""
+    """A plan uses the coordinates of its boundary file, which is not in the folder of the plan."""
     assert call("field", "plan", boundary(tmp_path), "--overlap", "0.4", "--out", "planned")[0] == 0
     status, _, err = call("field", "run", "planned")
     assert status == 2

@@ -103,7 +103,7 @@ def test_correction_map_stays_within_its_bound() -> None:
 
 
 def test_worse_correction_map_is_replaced_by_the_best_one_during_a_lap() -> None:
-    """From the third lap on the error is ten times that of the second, which was the best."""
+    """From the third lap on, the error is ten times the error of the second lap, which was the best."""
 
     def error(lap: float, rest: float) -> float:
         return 0.05 if lap < 1 else 0.03 if lap < 2 else 0.3

@@ -1,4 +1,4 @@
-"""Simulated board compared with doubles of real boards and programs: zero of the angle sensor, and roll.
+"""Zero of the angle sensor, and roll, of the simulated board compared with doubles of real boards and programs.
 
 Boards (AgOpenGPS-Official/Boards): AiO v2.5 Autosteer.ino:434, AiO v4 Autosteer.ino:423, Autosteer_UDP_v5.ino:501,
 and zHandlers.ino:91 of AiO v2.5. Programs: AgOpenGPS FormSteer.cs:911, AgOpenWeb AutoSteerConfigViewModel.cs:442. The

@@ -14,7 +14,7 @@ CENTRE, DEG_PER_COUNT = 1538, 0.013
 
 
 def angle_text(value, digits):
-    """Return an angle in degrees and minutes, as in a sentence."""
+    """Return an angle in degrees and minutes, in the format of an NMEA sentence."""
     return f"{int(value):0{digits}d}{60 * (value % 1):010.7f}"
 
 

@@ -129,7 +129,7 @@ def made(tmp_path_factory):
 
 @pytest.fixture
 def one(made):
-    """Return the folder of one twin."""
+    """Return the folder of the first of the twins `made`."""
     return made[0]
 
 

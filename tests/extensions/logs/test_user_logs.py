@@ -64,7 +64,7 @@ def test_long_reverse_section_is_detected_from_noisy_positions(noise_m):
 
 
 def test_steering_corrects_travel_direction_after_position_jumps():
-    """Positions that jump back and forth, as from a receiver between two solutions, look like reversals."""
+    """If a receiver alternates between two solutions, the positions jump back and forth, which resembles reversals."""
     columns = field_log(path(duration=90.0), every=10, noise_m=0.02, heading=False)
     t, yaw = columns["t"], path(duration=90.0)[5][::10]
     for start in (20.0, 50.0):

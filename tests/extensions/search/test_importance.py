@@ -62,7 +62,7 @@ ISHIGAMI_TOTAL = np.array([V1 + V13, V2, V13]) / ISHIGAMI_VARIANCE  # Sobol indi
 
 
 def written(plan, folder, left_out=0):
-    """Write a folder like that of `sweep`, with the function as metric. In the second group, x3 is 0."""
+    """Write a results folder as `sweep` does, with a test function as metric. In the second group, x3 is 0."""
     claim(folder, ("sweep.toml", "sweep.parquet"))
     (folder / "sweep.toml").write_text(tomli_w.dumps(resolved(plan.sweep)))
     rows = []
@@ -188,7 +188,7 @@ def claims(found):
 @pytest.mark.parametrize("name", ["importance", "importance_sobol"])
 @pytest.mark.parametrize("function", ["ishigami", "linear"])
 def test_shipped_designs_rank_inputs_of_known_functions_correctly(name, function):
-    """Points and seeds are those of the plan, for 20 seeds of the design. A fifth of the deviation is noise."""
+    """The plan defines points and seeds, for 20 seeds of the design. Noise has a fifth of the standard deviation."""
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
     sweep = read_sweep(name)
     keys, seeds = list(sweep.file.draws), len(sweep.seeds)

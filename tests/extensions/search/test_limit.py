@@ -430,7 +430,7 @@ SHORT = ("--set", "plant.kind=bicycle", "--set", "duration_s=4", "--jobs", 1, "-
 
 
 def test_limit_command_compares_laws_and_writes_its_result(call, tmp_path):
-    """Both laws follow a circle of 6 m radius within 20 mm, but not one of 2 m."""
+    """Both laws follow a circle of 6 m radius within 20 mm, but not a circle of 2 m radius."""
     where = ("--key", "path.radius_m", "--range", "6:2", "--tolerance", 0.5)
     options = (*where, "--guidance", "stanley,lqr", "--max-seeds", 3, "--beside", "path.radius_m=6")
     status, out, err = call("circle", *options, "--until", "xte_rms > 0.02", *SHORT)

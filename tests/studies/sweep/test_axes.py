@@ -1,4 +1,4 @@
-"""Values of axes and random parameters: the simulated values are those of the file."""
+"""Values of axes and random parameters: the simulated values equal the values in the sweep file."""
 
 import numpy as np
 import pytest

@@ -18,7 +18,7 @@ CHASSIS = Chassis2(750.0, 400.0, 0.9, 0.5, False)
 
 
 def test_understeer_interval_follows_from_both_axle_compliances():
-    """K = m (l_r / C_f - l_f / C_r) / L, so the variance of K is that of a weighted sum."""
+    """The variance of K = m (l_r / C_f - l_f / C_r) / L is the variance of a weighted sum of the two compliances."""
     C, sigma, rho = np.array([6e-5, 4e-5]), np.array([5e-6, 8e-6]), -0.4
     covariance = np.diag(sigma**2)
     covariance[0, 1] = covariance[1, 0] = rho * sigma[0] * sigma[1]
@@ -51,7 +51,7 @@ def test_errors_correlated_between_windows_widen_the_interval(rho):
 
 
 def logged(gap):
-    """Return data of 62.5 s at 20 Hz without gyro values for `gap` [s] after 30 s, and samples as from a receiver."""
+    """Return data of 62.5 s at 20 Hz without gyro values for `gap` [s] after 30 s, and the receiver's samples."""
     t = np.arange(0.0, 62.5, 0.05)
     rate = np.where((t > 30.0) & (t < 30.0 + gap), np.nan, np.degrees(0.2 * np.sin(t)))
     columns = {"t": t, "steer": np.degrees(0.2 * np.sin(t)), "speed": np.full(len(t), 1.5), "rate": rate}
@@ -66,8 +66,8 @@ def logged(gap):
 
 @pytest.mark.parametrize(("gap", "windows"), [(0.0, 12), (0.15, 12), (0.7, 11), (4.0, 10)])
 def test_only_complete_windows_are_used_for_the_fit(gap, windows):
-    """There are twelve windows of 5 s from 2 s on. The window from 27 to 32 s has a gap, and the next one the longest
-    gap."""
+    """There are twelve windows of 5 s from 2 s on. The window from 27 to 32 s has a gap, and the next window
+    has the longest gap."""
     data = logged(gap)
     assert data.windows == windows
     assert np.diff(data.channels["yaw_rate"].t, axis=1).max() < 0.5

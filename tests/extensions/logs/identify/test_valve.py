@@ -52,7 +52,7 @@ def rate_limit(scenario):
 
 
 def check(found, scenario, plant):
-    """Check the identified valve parameters against those of the scenario, and the delay to within a tick."""
+    """Check that identified valve parameters agree with the scenario, and that the delay agrees to within a tick."""
     valve, late = scenario.steering.valve, LATE_OIL_S if plant == "mujoco" else 0.0
     assert found.dead_band_v == pytest.approx(valve.dead_band_v, rel=0.05)
     assert found.gain_left_l_min_v == pytest.approx(valve.gain_left_l_min_v, rel=0.03)
@@ -71,7 +71,7 @@ def calm():
 
 @pytest.fixture(scope="module")
 def fitted(calm):
-    """Return the valve identified from `calm`."""
+    """Return the valve parameters identified from the log `calm`."""
     return identify(calm.signals)
 
 
@@ -122,7 +122,7 @@ def test_identified_valve_does_not_depend_on_the_first_seconds_of_a_log(calm):
 
 
 def test_samples_at_the_steering_stops_are_omitted_from_the_fit(calm):
-    """At the stops the angle does not follow the flow; here the angle is changed artificially."""
+    """At the stops the angle does not follow the flow. The test changes the logged angle at the stops artificially."""
 
     def with_angle(angle):
         at = calm.signals.column_names.index("steer_measured")

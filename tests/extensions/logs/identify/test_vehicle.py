@@ -40,7 +40,7 @@ def hidden():
 
 @pytest.fixture(scope="module")
 def steady(hidden):
-    """Return the vehicle identified from `hidden` without relaxation lengths."""
+    """Return the vehicle parameters identified from the log `hidden`, without relaxation lengths."""
     return identify_vehicle(hidden.signals, None, BICYCLE, STEADY)
 
 

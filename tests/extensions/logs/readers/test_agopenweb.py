@@ -31,7 +31,7 @@ def row(k):
 
 @pytest.fixture
 def recorded(tmp_path):
-    """Return a file like that of the debug dump. Its name differs, because the reader recognises the columns."""
+    """Return a file with the columns of the debug dump, but another name: the reader recognises the columns."""
     file = tmp_path / "dump of Monday"
     file.write_text("\r\n".join([COLUMNS, *map(row, range(400)), ""]), newline="")
     return file

@@ -1,4 +1,4 @@
-"""Failure probabilities of random walks with known probability, in place of runs, and of runs of the bicycle."""
+"""Risk estimates: random walks with known failure probability replace runs, and runs of the bicycle model."""
 
 import json
 import re
@@ -30,7 +30,7 @@ BICYCLE = ("straight_line", "--set", "plant.kind=bicycle", "--set", "guidance.ki
 
 
 def walk(seed, branches, process):
-    """Return the positions of a random walk, shape (steps,), whose random stream branches like that of a run."""
+    """Return the positions of a random walk, shape (steps,). The random stream branches as in a run."""
     generator, at, pieces = stream(seed, "walk"), 0, []
     draw = generator.standard_normal if process.up is None else generator.random
     for tick, number in [*((each.tick, each.number) for each in branches or ()), (process.steps, None)]:
@@ -43,7 +43,7 @@ def walk(seed, branches, process):
 
 
 def walking(process):
-    """Return a function that performs tasks as random walks, determined by seed and branches."""
+    """Return a function that replaces the run of each task by a random walk, determined by seed and branches."""
 
     def do(tasks):
         found = []
@@ -234,7 +234,7 @@ TREES |= {"plant.kind": "bicycle", "estimator.initial_yaw_sigma_deg": 0.5}
 
 
 def splittings(duration, at, particles, repeats, least=1e-6):
-    """Return the scenario, and splitting runs of the tractor below trees that fail `at` [m] off a straight line."""
+    """Return a straight-line scenario below trees, and its splitting runs, which fail at an error of `at` [m]."""
     scenario = load_scenario("straight_line", {**TREES, "duration_s": duration})
     question = RiskQuestion(f"xte_abs_max > {at}", particles, repeats, least=least)
     condition = condition_of(question.until, scenario)
