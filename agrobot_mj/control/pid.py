@@ -276,7 +276,10 @@ class BrakeState(NamedTuple):
 
 
 class LoopCommand(NamedTuple):
-    """Command to the low-level loops as numbers for compiled kernels; a missing voltage or pedal position is NaN."""
+    """Command to the low-level loops: steering angle [rad], speed [m/s], steering voltage [V], and pedal position [-].
+
+    A missing voltage or pedal position is NaN.
+    """
 
     steer: float
     speed: float
@@ -286,7 +289,7 @@ class LoopCommand(NamedTuple):
 
 
 def loop_command_of(command: Command, waits: bool) -> LoopCommand:
-    """Return a command as numbers for compiled kernels; `waits` states whether the path reference is at rest."""
+    """Return a command as numbers for compiled kernels; `waits` is whether the reference on the path is at rest."""
     steer, speed, steer_voltage, pedal, _ = command
     return LoopCommand(
         steer, speed, nan if steer_voltage is None else steer_voltage, nan if pedal is None else pedal, waits

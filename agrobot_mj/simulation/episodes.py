@@ -412,7 +412,7 @@ def _code(stages: LinkedStages) -> Code:
 
 
 class Episodes:
-    """Execution of a run in episodes: state of a `Loop`, log in `Rows`."""
+    """Executor that advances the `Loop` of a run by episodes and writes the log to `Rows`."""
 
     def __init__(self, loop: Loop, rows: Rows) -> None:
         """Prepare the episodes of a run. A run has none if a stage other than law and estimator runs in Python."""

@@ -143,7 +143,7 @@ class Simulation:
     def advance(self, ticks: int = LONGEST) -> Measurement:
         """Advance by at least one and at most `ticks` ticks with the guidance law; return the measurement at the end.
 
-        The result is bit-identical to that of repeated calls of `step()` without arguments, which take more time.
+        The result is bit-identical to the result of repeated slower calls of `step()` without arguments.
         Ticks with faults or events are performed one at a time. Raises the errors of `step`.
         """
         check_argument("ticks", ticks, isinstance(ticks, int), "a whole number")
@@ -278,8 +278,8 @@ class Simulation:
     def restore(self, state: Snapshot) -> Measurement:
         """Continue from a state saved by any simulation of the same scenario. Return the measurement in this state.
 
-        A state can be restored any number of times. Raises `CommandError` for another scenario, TypeError for an object
-        of another type.
+        A state can be restored any number of times. Raises `CommandError` for another scenario, and TypeError for an
+        object of another type.
         """
         check_argument("state", state, isinstance(state, Snapshot), "a return value of save()")
         require_same_scenario(state, self.scenario)

@@ -239,7 +239,7 @@ def drooped(v: Views, oil: Oil, rate: float) -> float:
 
 @kernel
 def open_relief_valves(v: Views, oil: Oil) -> None:
-    """Limit the oil column deflections according to relief pressure and power, and the steering angle to its stops."""
+    """Limit the deflections of the oil columns by relief pressure and driving power, and the steering to its stops."""
     angle = v.qpos[v.steer_q] + oil.steer_lead * v.qvel[v.steer_v]
     if oil.steer_play <= 0.0:
         low, high = angle - oil.steer_windup, angle + oil.steer_windup
@@ -273,7 +273,7 @@ def start_step(v: Views, direct: bool, before: bool) -> int:
 def finish_step(v: Views, direct: bool) -> int:
     """Run the second half of a physics step; return 1 after an error, else 0.
 
-    A `direct` step uses `accelerate`, other steps use MuJoCo's solver.
+    A `direct` step computes the accelerations by `accelerate` in closed form, other steps by MuJoCo's solver.
     """
     if not direct:
         return int(step2(v.model, v.data))
