@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from pynmeagps import NMEAParseError, NMEAReader
+from pynmeagps import NMEAMessageError, NMEAParseError, NMEAReader, NMEATypeError
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.markdown import markdown_table
@@ -67,7 +67,7 @@ def sentences(data: bytes) -> list[np.ndarray]:
     for match in SENTENCE.finditer(data):
         try:
             message: Any = NMEAReader.parse(match[0] + b"\r\n")
-        except NMEAParseError:
+        except (NMEAMessageError, NMEAParseError, NMEATypeError):
             continue
         fixed = {
             "GGA": lambda m: int(m.quality or 0) > 0,
@@ -86,15 +86,15 @@ def expected(file: Path) -> list[np.ndarray]:
     data = file.read_bytes()
     if file.suffix in (".kml", ".gpx", ".geojson"):
         pairs = PAIR.findall(data.decode(errors="replace"))
-        return [np.array([(d, c) if d else (b, a) for a, b, c, d in pairs], float)] if pairs else []
+        return [np.array([(c, d) if d else (b, a) for a, b, c, d in pairs], float)] if pairs else []
     return sentences(data)
 
 
 def read(file: Path) -> np.ndarray:
     """Return the positions that the readers find, (n, 2) [deg], or other coordinates for a file without degrees."""
     if file.suffix in (".kml", ".gpx", ".geojson"):
-        shapes = read_shapes(str(file))
-        return np.concatenate([np.asarray(each.points)[:, 1::-1] for each in shapes.shapes])
+        shapes = read_shapes(str(file)).shapes
+        return np.concatenate([np.empty((0, 2)), *(np.asarray(each.points)[:, 1::-1] for each in shapes)])
     log = open_log(file)
     if not log.tables:
         return np.empty((0, 2))

@@ -21,6 +21,11 @@ def folder(tmp_path):
     pairs = " ".join(f"{lon:.7f},{lat:.7f},0" for lat, lon in PLACES)
     line = f"<Placemark><LineString><coordinates>{pairs}</coordinates></LineString></Placemark>"
     (tmp_path / "way.kml").write_text(f'<kml xmlns="http://www.opengis.net/kml/2.2">{line}</kml>')
+    marks = "".join(f'<trkpt lat="{lat:.7f}" lon="{lon:.7f}"/>' for lat, lon in PLACES)
+    (tmp_path / "track.gpx").write_text(f"<gpx><trk><trkseg>{marks}</trkseg></trk></gpx>")
+    (tmp_path / "empty.gpx").write_text("<gpx></gpx>")
+    course = checked("$GPRMC,120000.00,A,5052.62000,N,00441.94000,E,fast,0.0,010126,,,A")
+    (tmp_path / "course.log").write_text("\n".join([course, *rows]))
     (tmp_path / "notes.txt").write_text("no log\n")
     return tmp_path
 
@@ -33,6 +38,9 @@ def test_public_log_check_compares_files_with_expected_positions(folder, capsys)
     assert groups(folder) == {
         "good.log": "read",
         "way.kml": "read",
+        "track.gpx": "read",
+        "empty.gpx": "read",
+        "course.log": "read",
         "twice.log": "wrongly rejected",
         "notes.txt": "rejected",
     }
