@@ -47,7 +47,8 @@ def lines_of(content: Mapping[str, Any]) -> list[str]:
     if corners:
         tightest = max(corners, key=lambda corner: abs(corner["turn_deg"]))
         place = f"({tightest['x_m']:.1f}, {tightest['y_m']:.1f}) m"
-        shown.append(f"{len(corners)} sharp corners of up to {abs(tightest['turn_deg']):.0f} deg at {place}")
+        many = f"{len(corners)} sharp corners of up to" if len(corners) > 1 else "1 sharp corner of"
+        shown.append(f"{many} {abs(tightest['turn_deg']):.0f} deg at {place}")
     if content["headland_m2"] is not None:
         shown.append(f"headland of {content['headland_m2'] / 1e4:.3g} ha")
     if content["origin"]:

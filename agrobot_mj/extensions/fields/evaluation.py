@@ -199,5 +199,6 @@ def sentence(content: dict[str, Any]) -> str:
     for name, each in out.items():
         text += f"; the {name} left the field by {each['largest_m']:.1f} m in the {each['side']}"
     if rows := content.get("crop_rows"):
-        text += f"; {rows['run_over_m']:.3g} m of crop rows run over ({rows['run_over_percent']:.2g} %)"
+        metres = f"{rows['run_over_m']:.3g}" if rows["run_over_m"] < 100 else f"{rows['run_over_m']:.0f}"
+        text += f"; {metres} m of crop rows run over ({rows['run_over_percent']:.2g} %)"
     return text

@@ -76,6 +76,7 @@ def _errors(one: WorkedPass) -> PassErrors | None:
 def _on(line: shapely.LineString, distances: Array) -> tuple[Array, Array]:
     """Return points at `distances` [m] along a line, and unit vectors of its direction, shape (n, 2) each."""
     corners = shapely.get_coordinates(line)
+    corners = corners[np.concatenate(([True], np.diff(corners, axis=0).any(axis=1)))]
     steps = np.diff(corners, axis=0)
     lengths = np.hypot(*steps.T)
     starts = np.concatenate(([0.0], np.cumsum(lengths)))

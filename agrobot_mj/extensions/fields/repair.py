@@ -7,7 +7,7 @@ import shapely
 from shapely import LineString, Polygon
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.paths.imports.cleaning import CLOSEST_M, outliers, thinned
+from agrobot_mj.paths.imports.cleaning import CLOSEST_M, distinct, outliers, thinned
 from agrobot_mj.paths.track import Index
 
 LEAST_M2 = 10.0  # Minimum area of a field [m2]. Assumed value: smaller than a machine.
@@ -16,6 +16,8 @@ MOST_POINTS, WITHIN_M = 20_000, 0.02
 SLIVER_M2 = 0.01  # Area below which the loss of a part of a polygon is not reported [m2]
 MOST_LOST = 0.05  # Maximum fraction of the area that the repair of a boundary may remove [-]. Assumed value.
 SHOWN = 3  # Maximum number of crossings or spikes in a message
+MOST_CROSSINGS, SIDES_AT_ONCE = 1000, 100
+"""Maximum number of crossings of a ring that is repaired, and number of sides that are examined together [-]."""
 FOLD_DEG, SPIKE_DEG = 1.0, 15.0
 """Maximum interior angle of a fold, whose tip is omitted, and of a spike, which is reported [deg]. Assumed values."""
 FOLD_M, SPIKE_M = 1.0, 10.0  # Minimum length of the shorter side of a fold and of a spike [m]
@@ -74,18 +76,27 @@ def _polygons(points: Array, what: str) -> tuple[list[Polygon], str, list[str]]:
     polygon = Polygon(_simplified(points[kept], what, notes) if simple else points[kept])
     if polygon.is_valid:
         return [polygon], "", notes
-    return polygons_of(shapely.make_valid(polygon)), _crossing(polygon, None if simple else kept, what), notes
+    crossing = _crossing(polygon, None if simple else kept, what)
+    return polygons_of(shapely.make_valid(polygon)), crossing, notes
 
 
 def _crossing(polygon: Polygon, numbers: Index | None, what: str) -> str:
     """Return a text with the positions at which a ring crosses or touches itself.
 
-    `numbers` contains the indices of the ring points in the file, or None for a simplified ring.
+    `numbers` contains the indices of the ring points in the file, or None for a simplified ring. Raises ValueError for a
+    ring with more than `MOST_CROSSINGS` crossings.
     """
     corners = shapely.get_coordinates(polygon.exterior)
     sides = shapely.linestrings(np.stack([corners[:-1], corners[1:]], axis=1))
-    first, second = shapely.STRtree(sides).query(sides, predicate="crosses")
-    pairs = [(a, b) for a, b in zip(first.tolist(), second.tolist(), strict=True) if a < b]
+    tree, pairs = shapely.STRtree(sides), list[tuple[int, int]]()
+    for start in range(0, len(sides), SIDES_AT_ONCE):
+        first, second = tree.query(sides[start : start + SIDES_AT_ONCE], predicate="crosses")
+        pairs += [(a, b) for a, b in zip((first + start).tolist(), second.tolist(), strict=True) if a < b]
+        if len(pairs) > MOST_CROSSINGS:
+            raise ValueError(
+                f"the {what} crosses itself at more than {MOST_CROSSINGS} places; sort the points along the {what}, or "
+                "record fewer points"
+            )
     if not pairs:
         place = shapely.is_valid_reason(polygon).partition("[")[2].rstrip("]").split()
         return f"the {what} touches itself" + (f" at ({float(place[0]):.1f}, {float(place[1]):.1f}) m" if place else "")
@@ -111,10 +122,10 @@ def _simplified(points: Array, what: str, notes: list[str]) -> Array:
 
 
 def _without_equal(points: Array, kept: Index) -> Index:
-    """Return the indices in `kept` whose ring point differs from the next kept point."""
-    steps = np.diff(points[kept], axis=0, append=points[kept[:1]])
-    found: Index = kept[np.hypot(*steps.T) >= CLOSEST_M]
-    return found
+    """Return those of the indices `kept` whose ring point differs from the previous and, at the end, the first point."""
+    found: Index = kept[distinct(points[kept])]
+    near_start = np.hypot(*(points[found] - points[found[0]]).T) < CLOSEST_M
+    return found[: np.flatnonzero(~near_start)[-1] + 1] if not near_start.all() else found[:1]
 
 
 def _without_repeats(points: Array, what: str, notes: list[str]) -> Index:
@@ -177,20 +188,21 @@ def polygons_of(geometry: shapely.Geometry) -> list[Polygon]:
 
 def without(boundary: Polygon, inner: Sequence[Polygon], what: str) -> tuple[Polygon, list[Polygon], list[str]]:
     """Subtract inner areas from a boundary. Return the reduced boundary, the inner areas clipped to it, and notes."""
-    notes, kept, outside, crossing = list[str](), list[Polygon](), 0, 0
+    notes, kept, cut, outside, crossing = list[str](), list[Polygon](), list[Polygon](), 0, 0
     for each in inner:
         if not boundary.intersects(each) or boundary.intersection(each).area < SLIVER_M2:
             outside += 1
             continue
         crossing += not boundary.covers(each)
         kept += polygons_of(boundary.intersection(each))
+        cut.append(each)
     if outside:
         notes.append(
             f"{outside} {what}{'s' * (outside > 1)} outside the boundary {'are' if outside > 1 else 'is'} omitted"
         )
     if crossing:
         notes.append(f"{crossing} {what}{'s' * (crossing > 1)} {'are' if crossing > 1 else 'is'} cut at the boundary")
-    parts = polygons_of(boundary.difference(shapely.union_all(kept))) if kept else [boundary]
+    parts = polygons_of(boundary.difference(shapely.union_all(cut))) if cut else [boundary]
     if max((part.area for part in parts), default=0.0) < LEAST_M2:
         raise ValueError(f"the {what}s cover the whole field; check the file")
     if len(parts) > 1:

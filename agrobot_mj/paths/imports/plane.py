@@ -8,6 +8,7 @@ they are far from their origin.
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -19,8 +20,8 @@ from agrobot_mj.paths.imports.shapes import DEGREES, LocalShapes, Polyline, Shap
 FAR_M = 2000.0
 """Distance from the origin above which coordinates belong to a map grid [m]. Assumed value, larger than a field."""
 OUTSIDE_DEG = 10.0
-"""Maximum latitude difference from the area of use of a coordinate system [deg]. Assumed value. Coordinates in metres
-near their origin appear about 40 deg outside the area of a grid in Europe."""
+"""Maximum difference in latitude or longitude from the area of use of a coordinate system [deg]. Assumed value; coordinates
+in metres near their origin are about 40 deg outside the area of a grid in Europe."""
 LARGEST_M, SMALLEST_M = 100e3, 1.0
 """Maximum and minimum extent of the points in a file [m]. Coordinates below the minimum are probably degrees."""
 
@@ -92,13 +93,23 @@ def _converter(crs: str) -> Callable[[Array], Array]:
 
     def converted(points: Array) -> Array:
         found: Array = np.column_stack(transformer.transform(points[:, 0], points[:, 1]))
-        lat = found[:, 1]
-        outside = area and (lat.min() < area.south - OUTSIDE_DEG or lat.max() > area.north + OUTSIDE_DEG)
-        if outside or not np.isfinite(found).all():
-            raise ValueError(f"the file has coordinates outside the area of {crs[:60]}; correct the coordinate system")
+        if not np.isfinite(found).all() or area and _degrees_outside(found, area) > OUTSIDE_DEG:
+            raise ValueError(
+                f"the file has coordinates outside the area of {crs[:60]}; correct the coordinate system, or the order "
+                "of east and north"
+            )
         return found
 
     return converted
+
+
+def _degrees_outside(points: Array, area: Any) -> float:
+    """Return the maximum difference in latitude or longitude between points, shape (n, 2) [deg], and the area of use of
+    a coordinate system; negative for points inside the area."""
+    lon, lat = points.T
+    half = (area.east - area.west) % 360 / 2 or 180.0
+    east = np.abs((lon - area.west - half + 180) % 360 - 180) - half
+    return float(np.max([area.south - lat, lat - area.north, east]))
 
 
 def _far(shapes: Iterable[Polyline]) -> tuple[float, float]:

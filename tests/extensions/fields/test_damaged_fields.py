@@ -169,6 +169,10 @@ HOSTILE = {
         "has a point PNT without the numbers C and D",
     ),
     "unknown text": (b"POLYGON ((0 0, 1", "line 1: the line is not valid WKT"),
+    "random points": (
+        metres(np.random.default_rng(2).uniform(0, 100, (4000, 2))).encode(),
+        "the boundary crosses itself at more than 1000 places; sort the points",
+    ),
     "degrees as metres": (b"58.4,26.7\n58.401,26.7\n58.401,26.701\n", "if the numbers are degrees, name the columns"),
     "half a planet": (
         json.dumps({"type": "Polygon", "coordinates": [[[0, 0], [90, 0], [0, 60]]]}).encode(),
@@ -213,3 +217,19 @@ def test_boundary_with_many_points_is_simplified(tmp_path):
     assert field.boundary.area == pytest.approx(np.pi * 1e4, rel=5e-4)
     assert len(field.boundary.exterior.coords) < 1000
     assert field.notes[0].startswith("the boundary is simplified within 0.057 m, from 200000 to ")
+
+
+def test_boundary_with_points_closer_than_a_millimetre_is_kept(tmp_path):
+    angle = np.linspace(0, 2 * np.pi, 100_000, endpoint=False)
+    rows = (f"{x:.5f},{y:.5f}" for x, y in np.column_stack([5 * np.cos(angle), 5 * np.sin(angle)]).tolist())
+    field = field_of(tmp_path, "dense.csv", "x,y\n" + "\n".join(rows))
+    assert field.boundary.area == pytest.approx(np.pi * 25, rel=2e-3)
+    assert "repeated points of the boundary are omitted" in field.notes[0]
+
+
+def test_hole_that_ends_outside_the_boundary_leaves_no_sliver(tmp_path):
+    outer = [(-60.12, -55.0), (60.12, -55.0), (60.12, 35.0), (0.0, 55.0), (-60.12, 35.0)]
+    hole = [(40.0, -15.0), (80.0, -15.0), (80.0, 5.0), (40.0, 5.0)]
+    boundary = field_of(tmp_path, "cut.json", geojson(feature(degrees(outer), degrees(hole)))).boundary
+    whole = field_of(tmp_path, "whole.json", geojson(feature(degrees(outer)))).boundary
+    assert boundary.length == pytest.approx(whole.length + 2 * 20.12, rel=1e-3)

@@ -18,6 +18,7 @@ from agrobot_mj.cli import main
 from agrobot_mj.core.geodesy import Origin, to_geodetic, to_local
 from agrobot_mj.extensions.fields.coverage import coverage
 from agrobot_mj.extensions.fields.effort import Prices, cost
+from agrobot_mj.extensions.fields.evaluation import sentence
 from agrobot_mj.extensions.fields.raster import write_raster
 from agrobot_mj.extensions.fields.resume import Interrupted
 from agrobot_mj.scenario.loading import load_scenario
@@ -99,9 +100,11 @@ def test_crop_rows_that_the_wheels_run_over_are_reported(driven):
     rows = found["crop_rows"]
     assert rows["rows_m"] == pytest.approx(found["areas"]["body"]["area_m2"] / 0.75, rel=0.05)
     assert 0.0 < rows["run_over_m"] < 0.5 * rows["rows_m"]
+    digits = ".3g" if rows["run_over_m"] < 100 else ".0f"
     assert found["summary"].endswith(
-        f"{rows['run_over_m']:.3g} m of crop rows run over ({rows['run_over_percent']:.2g} %)"
+        f"{rows['run_over_m']:{digits}} m of crop rows run over ({rows['run_over_percent']:.2g} %)"
     )
+    assert "; 2835 m of crop rows" in sentence({**found, "crop_rows": {"run_over_m": 2834.95, "run_over_percent": 7.7}})
     assert "crop rows run over outside the tramlines" in (driven / "runs" / "field" / "report.html").read_text()
 
 

@@ -1,6 +1,7 @@
 """Command `field show`: description of a field, its map, and messages."""
 
 import json
+import math
 
 import pytest
 
@@ -26,6 +27,14 @@ def test_field_show_prints_area_corners_and_repairs(call, file, tmp_path):
     assert problem == "problem: 1 repeated point of the boundary is omitted"
     assert picture == "found/map.png"
     assert (tmp_path / "found" / "map.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_field_show_prints_a_single_sharp_corner_in_singular(call, file, tmp_path):
+    angle = [0.1 * k for k in range(32)]
+    drop = [(0.0, -90.0), *((50 * math.cos(a), 50 * math.sin(a)) for a in angle)]
+    (tmp_path / "drop.csv").write_text("x,y\n" + "\n".join(f"{x:.2f},{y:.2f}" for x, y in drop))
+    _, out, _ = call("field", "show", "drop.csv", "--out", "found")
+    assert out.splitlines()[1] == "1 sharp corner of 122 deg at (0.0, -90.0) m"
 
 
 def test_field_show_prints_a_json_document_on_success_and_failure(call, file):

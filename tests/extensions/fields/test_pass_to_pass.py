@@ -76,3 +76,11 @@ def test_planned_implement_follows_the_closed_form_on_an_arc(behind, length):
     found = planned_motion(plan, length)
     expected = np.hypot(np.sqrt(radius**2 - length**2), behind - length)
     assert np.hypot(found.x, found.y)[-1] == pytest.approx(expected, abs=1e-6)
+
+
+def test_repeated_point_of_a_planned_swath_does_not_change_its_errors():
+    one, other = straight(20.0, 0.0), straight(20.0 + SPACING, 0.1)
+    short = WorkedPass(*(ImplementMotion(*(values[:300] for values in each)) for each in other))
+    planned = ImplementMotion(*(np.append(values, values[-1]) for values in short.planned))
+    with np.errstate(invalid="raise"):
+        assert pass_to_pass([one, short._replace(planned=planned)], SPACING) == pass_to_pass([one, short], SPACING)
