@@ -248,7 +248,7 @@ COMMANDS = {
     field_run: listed(
         "Field work",
         "field run boundary.geojson --machine row_crop --width 6 --no-rrd",
-        "field run boundary.geojson --plan plan.geojson --guidance lqr",
+        "field run boundary.geojson --plan field_plan.json --guidance lqr",
         advanced=True,
     ),
 }

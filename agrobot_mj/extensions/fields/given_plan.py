@@ -9,6 +9,7 @@ import numpy as np
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.resources import stamped
+from agrobot_mj.extensions.fields.drive import PLAN_FILE
 from agrobot_mj.extensions.fields.field import Field, Leg
 from agrobot_mj.extensions.fields.plan import FORMAT, MAX_BYTES, SUFFIXES, Plan, PlannedPass, plan_of
 from agrobot_mj.extensions.fields.planner.area import area_of
@@ -70,7 +71,8 @@ def _of_lines(file: Path, field: Field, rig: FieldMachine, sections: int) -> Pla
     try:
         return plan_of_legs(field.name, legs, rig, sections)
     except ValueError as error:
-        raise ScenarioError(f"--plan {file.name}: {error}") from None
+        hint = f", or specify {PLAN_FILE} in the same folder" if file.with_name(PLAN_FILE).is_file() else ""
+        raise ScenarioError(f"--plan {file.name}: {error}{hint}") from None
 
 
 def plan_of_legs(name: str, legs: tuple[Leg, ...], rig: FieldMachine, sections: int) -> Plan:

@@ -16,7 +16,7 @@ from agrobot_mj.paths.imports.cleaning import distinct
 
 BEYOND_M = 1000.0  # Length by which a line is extended at both ends before it is cut at the field boundary [m]
 TURNS = ("turn", "connection", "transfer", "transport", "headland_turn")
-"""Values of the line property `type` for lines without implement work."""
+"""Values of the line property `type` or `kind` for lines without implement work."""
 
 
 def legs_of(lines: Sequence[Polyline], boundary: Polygon) -> tuple[Leg, ...]:
@@ -83,7 +83,7 @@ def _works(said: Mapping[str, Any]) -> bool:
     for key in ("working", "work", "implement"):
         if isinstance(said.get(key), bool | int | float):
             return bool(said[key])
-    return str(said.get("type", "")).lower() not in TURNS
+    return str(said.get("type", said.get("kind", ""))).lower() not in TURNS
 
 
 def _reverses(said: Mapping[str, Any]) -> bool:

@@ -64,7 +64,8 @@ def _unpacked(path: Path) -> Iterator[Path]:
     if not zipfile.is_zipfile(path):
         yield path
         return
-    with TemporaryDirectory() as folder, zipfile.ZipFile(path) as archive:
+    with TemporaryDirectory() as place, zipfile.ZipFile(path) as archive:
+        folder = Path(place) / path.stem  # its name is the default name of a field
         members = archive.infolist()
         if len(members) > MOST_MEMBERS or sum(each.file_size for each in members) > MOST_UNPACKED_BYTES:
             refuse(path, f"the archive exceeds {MOST_UNPACKED_BYTES / 1e6:.0f} MB unpacked; specify an unpacked file")
@@ -72,7 +73,8 @@ def _unpacked(path: Path) -> Iterator[Path]:
             archive.extractall(folder)
         except (zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError, OSError):
             refuse(path, "the zip archive is damaged or encrypted; create the archive again")
-        yield Path(folder)
+        folder.mkdir(exist_ok=True)  # for an empty archive
+        yield folder
 
 
 def _of_folder(folder: Path, of_agopengps: Callable[[Path], ShapeFile]) -> ShapeFile:

@@ -112,6 +112,14 @@ def test_agopengps_folder_gives_boundary_and_headland(tmp_path, comma):
     assert read_field(tmp_path / "Hill" / "Boundary.txt").plane == ORIGIN
 
 
+def test_zip_archive_of_an_agopengps_folder_names_the_field(tmp_path):
+    folder = aog(tmp_path / "Hill")
+    with zipfile.ZipFile(tmp_path / "valley.zip", "w") as archive:
+        for file in folder.iterdir():
+            archive.write(file, file.name)
+    assert read_field(tmp_path / "valley.zip").name == "valley"
+
+
 def test_isoxml_zip_and_folder_are_read_with_external_files(tmp_path):
     whole = task_data(lsg(2, HOLE))
     start, end = whole.index("<PFD"), whole.index("</ISO")

@@ -70,6 +70,19 @@ def test_plan_of_another_working_width_is_rejected(tmp_path):
         given_plan(file, stored_plan(file), RECTANGLE, machine(4.0), 1)
 
 
+def test_error_for_drawn_plan_lines_names_the_stored_plan_in_the_same_folder(tmp_path):
+    back = {"type": "LineString", "coordinates": [[0, 10], [30, 10], [30, 10], [5, 10.1]]}
+    name = {"type": "name", "properties": {"name": "local plane in metres"}}
+    feature = {"type": "Feature", "properties": {"kind": "turn"}, "geometry": back}
+    drawn = tmp_path / "plan.geojson"
+    drawn.write_text(json.dumps({"type": "FeatureCollection", "crs": name, "features": [feature]}))
+    with pytest.raises(ScenarioError, match=r"turns back by 180 deg .* add a waypoint next to it$"):
+        given_plan(drawn, None, RECTANGLE, machine(), 1)
+    (tmp_path / "field_plan.json").write_text("{}")
+    with pytest.raises(ScenarioError, match=r", or specify field_plan.json in the same folder$"):
+        given_plan(drawn, None, RECTANGLE, machine(), 1)
+
+
 def test_plan_without_legs_is_rejected():
     with pytest.raises(ValueError, match="the plan has no passes"):
         plan_of_legs("field", (), machine(), 1)

@@ -43,9 +43,10 @@ def test_geojson_lines_are_read_as_legs_with_their_properties(tmp_path):
         line(degrees(OUT), speed=2.5, type="swath"),
         line(degrees([OUT[1], BACK[0]]), speed_kmh=3.6, type="turn"),
         line(degrees(BACK), working=True, direction="backward"),
+        line(degrees([BACK[1], OUT[0]]), kind="turn"),
     ]
     legs = plan_of(tmp_path, "plan.geojson", json.dumps({"type": "FeatureCollection", "features": lines}))
-    assert states(legs) == [(True, False, 2.5), (False, False, 1.0), (True, True, None)]
+    assert states(legs) == [(True, False, 2.5), (False, False, 1.0), (True, True, None), (False, False, None)]
     np.testing.assert_allclose(legs[2].points, BACK, atol=1e-3)
 
 
