@@ -20,8 +20,8 @@ from agrobot_mj.paths.imports.shapes import DEGREES, LocalShapes, Polyline, Shap
 FAR_M = 2000.0
 """Distance from the origin above which coordinates belong to a map grid [m]. Assumed value, larger than a field."""
 OUTSIDE_DEG = 10.0
-"""Maximum difference in latitude or longitude from the area of use of a coordinate system [deg]. Assumed value; coordinates
-in metres near their origin are about 40 deg outside the area of a grid in Europe."""
+"""Maximum difference in latitude or longitude from the area of use of a coordinate system [deg]. Assumed value;
+coordinates in metres near their origin are about 40 deg outside the area of a grid in Europe."""
 LARGEST_M, SMALLEST_M = 100e3, 1.0
 """Maximum and minimum extent of the points in a file [m]. Coordinates below the minimum are probably degrees."""
 
@@ -93,7 +93,7 @@ def _converter(crs: str) -> Callable[[Array], Array]:
 
     def converted(points: Array) -> Array:
         found: Array = np.column_stack(transformer.transform(points[:, 0], points[:, 1]))
-        if not np.isfinite(found).all() or area and _degrees_outside(found, area) > OUTSIDE_DEG:
+        if not np.isfinite(found).all() or (area and _degrees_outside(found, area) > OUTSIDE_DEG):
             raise ValueError(
                 f"the file has coordinates outside the area of {crs[:60]}; correct the coordinate system, or the order "
                 "of east and north"

@@ -70,7 +70,7 @@ def test_plan_of_another_working_width_is_rejected(tmp_path):
         given_plan(file, stored_plan(file), RECTANGLE, machine(4.0), 1)
 
 
-def test_error_for_drawn_plan_lines_names_the_stored_plan_in_the_same_folder(tmp_path):
+def test_error_for_plan_lines_names_the_stored_plan_next_to_them(tmp_path):
     back = {"type": "LineString", "coordinates": [[0, 10], [30, 10], [30, 10], [5, 10.1]]}
     name = {"type": "name", "properties": {"name": "local plane in metres"}}
     feature = {"type": "Feature", "properties": {"kind": "turn"}, "geometry": back}
