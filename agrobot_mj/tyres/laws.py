@@ -7,7 +7,7 @@ import numpy as np
 from agrobot_mj.core.contracts import check_pair, check_type
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
-from agrobot_mj.core.vectors import Vector, plus
+from agrobot_mj.core.vectors import Vector, dot, plus
 from agrobot_mj.machine.linkage import DRY_GRIP
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain.grid import Ground
@@ -30,6 +30,7 @@ from agrobot_mj.tyres.patch import (
     footing_of,
     lowered,
     moved_aside,
+    raised,
     relax,
     rolling_torque,
     soft_sign,
@@ -240,7 +241,10 @@ def wheel_step(
 
     The wrench (force and torque) acts at the wheel centre. If `whole` is false, only the load in `report` is updated.
     """
-    patch = find_patch(ground, tyres.radius[i], wheel)
+    patch, firm = find_patch(ground, tyres.radius[i], wheel), tyres.carcass[i, 0]
+    # a leaning wheel deflects its carcass along the axle, also by the axial component of the load
+    spring, lean = firm * float(tyres.springs[i, 1]), dot(wheel.axle, patch.n) if tyres.load_follows else 0.0
+    patch = raised(patch, -lean * bristle[1])
     slipped = min(abs(bristle[0]) / max(tyres.relaxation[i, 0], SHORTEST), 1.0)
     soil = carry(tyres, i, ground, patch, wheel.centre, slipped)
     load = soil.load + tyres.damping[i] * patch.rate
@@ -254,30 +258,32 @@ def wheel_step(
     # a wheel spinning at standstill also renews its bristles, from one side: hence half the rim speed
     v_roll = max(abs(patch.v_x), 0.5 * abs(rim))
     footing = footing_of(tyres, i, ground, wheel.centre[0] + patch.arm[0], wheel.centre[1] + patch.arm[1])
-    law, firm = tyres.front if i < 2 else tyres.rear, tyres.carcass[i, 0]
+    law = tyres.front if i < 2 else tyres.rear
     way, A, L = soft_sign(patch.v_x, CREEP_SPEED), soil.area, soil.length
     K = slip_stiffness(law, load, deflection, footing, A, L)
     sigma_x, sigma_y = max(K[0] / tyres.springs[i, 0], SHORTEST), max(K[1] / tyres.springs[i, 1], SHORTEST)
     tyres.relaxation[i, 0], tyres.relaxation[i, 1] = sigma_x, sigma_y
     z_x = relax(bristle[0], patch.v_x - rim, v_roll, sigma_x, dt)
-    z_y = relax(bristle[1], patch.v_y, v_roll, sigma_y, dt)
+    axial = lean * load / spring
+    pushed = bristle[1] + axial
+    z_y = relax(pushed, patch.v_y, v_roll, sigma_y, dt)
     # the carcass damping acts at rest, where nothing else damps the bristle, and fades with rolling speed
     tau = tyres.bristle_damping / (1.0 + v_roll / ROLLING) / dt
-    slip_x, slip_y = (z_x + tau * (z_x - bristle[0])) / sigma_x, (z_y + tau * (z_y - bristle[1])) / sigma_y
+    slip_x, slip_y = (z_x + tau * (z_x - bristle[0])) / sigma_x, (z_y + tau * (z_y - pushed)) / sigma_y
     slip = Slip(slip_x, slip_y, load, deflection, v_roll, footing, way, A, L)
     softened = Slip(firm * slip_x, firm * slip_y, load, deflection, v_roll, footing, way, A, L)
     force = law.force(softened)
     push = law.drag(slip, way * rut_share(patch, slip_of_faster(slip))) + soil.push
     # sliding shortens both bristles as rolling does, so that the slip has the direction of the sliding velocity
     slid = (1.0 - held_share(softened, force, K, report[LOAD])) * max(sigma_x, sigma_y)
-    bristle[0], bristle[1] = max(1.0 - slid / sigma_x, 0.0) * z_x, max(1.0 - slid / sigma_y, 0.0) * z_y
+    bristle[0], bristle[1] = max(1.0 - slid / sigma_x, 0.0) * z_x, max(1.0 - slid / sigma_y, 0.0) * z_y - axial
     # the lever arm of the drive is r_e (power balance), that of the wrench is the loaded radius: the torque makes up
     axle_torque = rolling_torque(tyres, i, load, r_e, patch.spin, footing.rolling) - (r_e - loaded) * force.x
     moment = way * aligning(tyres, slip_y, force.y) + scrub(tyres, i, patch, load, footing.grip, dt, bristle)
     f_y = force.y + soil.edge
     held = lowered(patch, loaded / (tyres.radius[i] - patch.penetration))
     if tyres.load_follows:
-        held = moved_aside(held, force.y / float(tyres.springs[i, 1]))
+        held = moved_aside(held, force.y / spring + axial)
     add_wrench(
         wrench,
         held,

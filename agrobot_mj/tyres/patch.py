@@ -136,6 +136,13 @@ def moved_aside(patch: ContactPatch, by: float) -> ContactPatch:
 
 
 @kernel
+def raised(patch: ContactPatch, by: float) -> ContactPatch:
+    """Return the patch with a penetration that is smaller by `by` [m]."""
+    p = patch
+    return ContactPatch(p.penetration - by, p.rate, p.n, p.f, p.l, p.arm, p.v_x, p.v_y, p.spin, p.turn)
+
+
+@kernel
 def footing_of(tyres: TyreSet, i: int, ground: Ground, x: float, y: float) -> Footing:
     """Return friction, cone index and rolling resistance of the ground below wheel `i`, at (x, y) [m]."""
     friction, cone_index = surface_at(ground.surface, x, y)

@@ -83,8 +83,8 @@ def _polygons(points: Array, what: str) -> tuple[list[Polygon], str, list[str]]:
 def _crossing(polygon: Polygon, numbers: Index | None, what: str) -> str:
     """Return a text with the positions at which a ring crosses or touches itself.
 
-    `numbers` contains the indices of the ring points in the file, or None for a simplified ring. Raises ValueError for a
-    ring with more than `MOST_CROSSINGS` crossings.
+    `numbers` contains the indices of the ring points in the file, or None for a simplified ring. Raises ValueError
+    for a ring with more than `MOST_CROSSINGS` crossings.
     """
     corners = shapely.get_coordinates(polygon.exterior)
     sides = shapely.linestrings(np.stack([corners[:-1], corners[1:]], axis=1))

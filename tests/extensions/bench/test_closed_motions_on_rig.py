@@ -65,6 +65,28 @@ def test_load_oscillation_at_twice_sliding_frequency_adds_no_energy(kind, speed,
     assert (found[:, 0] < 0.0).all()
 
 
+@pytest.mark.parametrize("kind", [MagicFormula, Soil, Ruts])
+@pytest.mark.parametrize("phase", np.linspace(0.0, 2 * np.pi, 9)[:-1])
+def test_wheel_that_leans_and_moves_sideways_at_rest_gains_no_energy(kind, phase):
+    """The wheel leans by 3.4 deg and its contact point moves by 20 mm to each side, at a constant deflection."""
+    tyres, i, n = tyre_set(kind(bristle_damping_s=0.0), TractorParameters()), 2, 1000
+    tyres.damping[:] = 0.0
+    h = tyres.radius[i] - 2400.0 / tyres.stiffness[i]
+    bristle, wrench, report, work, exchanged = np.zeros(3), np.zeros(6), np.zeros(6), 0.0, 0.0
+    for k in range(3 * n):
+        t, moved = 2 * np.pi * (k + 0.5) / n, wrench.copy()
+        lean, rate = 0.06 * np.sin(t), 0.06 * 2 * np.pi * np.cos(t)
+        place = (0.0, 0.02 * np.sin(t + phase) - h * np.sin(lean), h * np.cos(lean))
+        v_y = 0.02 * 2 * np.pi * np.cos(t + phase) - h * np.cos(lean) * rate
+        velocity = (0.0, v_y, -h * np.sin(lean) * rate)
+        motion = WheelMotion(place, (0.0, np.cos(lean), np.sin(lean)), velocity, (rate, 0.0, 0.0))
+        wheel_step(tyres, i, Flat().ground(), motion, 1 / n, bristle, wrench, report)
+        power = 0.5 * (moved + wrench)[1:4] @ (*velocity[1:], rate)
+        work, exchanged = (work + power / n, exchanged + abs(power) / n) if k >= 2 * n else (0.0, 0.0)
+    assert exchanged > 10.0
+    assert work <= 1e-4 * exchanged
+
+
 def test_closed_tool_motion_gains_no_energy():
     found = tool_gains(drawn(80, 7))
     assert (found[:, 0] <= ROUNDING * found[:, 1] + 1e-12).all()
