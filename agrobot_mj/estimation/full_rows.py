@@ -21,6 +21,7 @@ from agrobot_mj.estimation.full_model import (
     OMEGA,
     PSI,
     SCALE_LIMIT,
+    C,
     FixNoise,
     K,
     S,
@@ -159,7 +160,9 @@ def corrected(
 ) -> tuple[Vector, Matrix]:
     """Return the mean and covariance after a joint correction by the motion measurements and the fix.
 
-    `used` selects position, velocity and heading of the fix. The wheel scale is limited to SCALE_LIMIT.
+    `used` selects position, velocity and heading of the fix. The wheel scale is limited to SCALE_LIMIT. Compliance and
+    wheel slip remain positive or zero, because negative values, which cancel other errors in long oscillations, would
+    increase.
     """
     y, H, R = np.zeros(10), np.zeros((10, mean.size)), np.zeros((10, 10))
     k = motion_rows(mean, motion, noise, y, H, R)
@@ -173,6 +176,7 @@ def corrected(
         return mean, P
     mean, P, _ = posterior(mean, P, H[:k], y[:k], R[:k, :k].copy())
     mean[K] = min(max(mean[K], -SCALE_LIMIT), SCALE_LIMIT)
+    mean[C], mean[S] = max(mean[C], 0.0), max(mean[S], 0.0)
     return mean, P
 
 
