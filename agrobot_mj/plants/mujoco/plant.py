@@ -122,13 +122,13 @@ class MujocoPlant(RunningPlant):
         run starts in this state.
         """
         self._apply_conditions(conditions)
-        place = start
+        place = before = start
         for _ in range(PLACINGS):
-            self._place(place)
-            recent = self._settle()
-            mujoco.mj_forward(self.model, self.data)
-            self.ticks = 0
-            truth = self.truth()
+            truth, recent = self._settled(place)
+            if self._fallen and place is not before:
+                truth, recent = self._settled(before)  # near its tip-over angle it only rests if it turns on its tyres
+                break
+            before = place
             off_x, off_y, turned = truth.x - start.x, truth.y - start.y, wrap(truth.yaw - start.yaw)
             if not self.settle_ticks or not recent.greatest <= REST_M_S or hypot(off_x, off_y) < OFFSET_M:
                 break
@@ -139,6 +139,14 @@ class MujocoPlant(RunningPlant):
             if why := start_warning(found, recent.ticks * self.tick_s, self.machine, self.ground):
                 print(why, file=sys.stderr)
         return truth
+
+    def _settled(self, place: Reference) -> tuple[Truth, RecentMotion]:
+        """Place the tractor with its CG above `place` and let it settle. Return the true state and the motion."""
+        self._place(place)
+        recent = self._settle()
+        mujoco.mj_forward(self.model, self.data)
+        self.ticks = 0
+        return self.truth(), recent
 
     def _place(self, start: Reference) -> None:
         mujoco.mj_resetData(self.model, self.data)

@@ -62,7 +62,7 @@ rear_wheel_mass_kg = 600
 def test_wheels_stay_loaded_up_to_the_tipping_slope_of_the_data_sheet(keys, tmp_path, capsys):
     file = tmp_path / "own.toml"
     file.write_text(keys)
-    tips = tilt(across(str(file), 0.0), False, 60.0).lifted_deg
+    tips = tilt(across(str(file), 0.0), False, 60.0, 0.1).lifted_deg
     below = across(str(file), tips - 0.25)
     assert below.trouble() is None
     assert below.wheels().reshape(-1, 4)[LOAD].min() > 0.0

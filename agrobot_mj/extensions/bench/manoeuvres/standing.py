@@ -31,6 +31,7 @@ from agrobot_mj.tyres.patch import LOAD
 BRAKED = Drive(NEUTRAL_V, NEUTRAL_V, 1.0)
 BAND_DEG, SOUGHT_DEG, HALVINGS = 0.3, 1.0, 5
 """Acceptance limit of the tipping slope [deg], half of its search range [deg], and number of bisection steps."""
+STEADILY_DEG_S = 0.1  # Rate at which gravity is tilted [deg/s], so low that the tractor remains in equilibrium
 PARKED_S, BRIEFLY_S, DRIFT_MM = 600.0, 30.0, 1.0
 GRADES_DEG, DIAGONALLY_DEG = (0.0, 10.0), 60.0
 """Grades for the parking test [deg], and direction of steepest ascent for a machine that faces east [deg]."""
@@ -54,7 +55,8 @@ def plant_of(m: Trial, s: Scenario, ground: Ground) -> MujocoPlant:
 
 def tipping_slope(m: Trial, s: Scenario) -> float:
     """Return the slope at which the upper rear wheel lifts off while gravity is tilted [deg]."""
-    return tilt(plant_of(m, s, Flat().ground()._replace(surface=GRIPPING)), True, STEEPEST_DEG).lifted_deg
+    plant = plant_of(m, s, Flat().ground()._replace(surface=GRIPPING))
+    return tilt(plant, True, STEEPEST_DEG, STEADILY_DEG_S).lifted_deg
 
 
 def stands(m: Trial, s: Scenario, grade_deg: float) -> bool:
