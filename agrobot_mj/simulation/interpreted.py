@@ -1,9 +1,10 @@
 """Guidance laws and estimators in Python within episodes: each compiled tick calls the Python stage once."""
 
 import ctypes
+from array import array
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from math import inf, nan
+from time import perf_counter
 from typing import Any, NamedTuple, cast
 from weakref import WeakMethod
 
@@ -26,6 +27,7 @@ from agrobot_mj.simulation.checks import Stage
 from agrobot_mj.simulation.loop import Loop
 
 FIX, COMMAND, ESTIMATE = len(Fix._fields), 2, 23  # Number of numbers of a fix, a command and an estimate
+LONGEST_S = 0.5  # Wall time after which an episode ends [s], so that system signals take effect between its ticks
 UNKNOWN = Followed(nan, nan, 0.0, nan, nan, nan, 0.0, nan)
 
 
@@ -127,18 +129,30 @@ class Interpreted:
         return self.held
 
     def _call(self) -> None:
-        """Call the stage. An error is stored, because compiled code cannot raise it."""
+        """Call the stage. An error is stored, because compiled code cannot raise it.
+
+        NaN as the first output ends the episode after an error, after `LONGEST_S`, and for a report or a result that is
+        not numeric. A single tick then uses the stored result, and raises the errors of the report.
+        """
         outputs, self.before = self.exchange.outputs, self.found[0]
         self.count += 1
+        if self.count == 1:
+            self.due = perf_counter() + LONGEST_S
         outputs[0] = nan
         try:
             self.found = self.stage.update(self.before, self.read(self.exchange.inputs.tolist()), TICK_S)
         except BaseException as error:
             self.error = error
             return
-        with suppress(Exception):  # a single tick reports the error
-            outputs[self.filled :] = self.part.report(self.found[0])
-            outputs[: self.filled] = self.numbers(self.found[1])
+        try:
+            report, numbers = array("d", self.part.report(self.found[0])), self.numbers(self.found[1])
+            if len(report) == len(outputs) - self.filled and perf_counter() < self.due:
+                outputs[self.filled :] = report
+                outputs[: self.filled] = numbers
+        except KeyboardInterrupt as error:
+            self.error = error
+        except BaseException:
+            pass  # a single tick raises the error again
 
     def end(self, count: int) -> Any:
         """Return the state of the stage after an episode that used the results of the first `count` calls.
@@ -147,7 +161,7 @@ class Interpreted:
         """
         if self.count == count:
             return self.found[0]
-        self.stage.pending = self.error or self.found
+        self.stage.pending = self.found if self.error is None else self.error
         return self.before
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from agrobot_mj.control.base import Situation
 from agrobot_mj.core.errors import CommandError
 from agrobot_mj.core.held import Held
-from agrobot_mj.core.signals import Measurement, Truth
+from agrobot_mj.core.signals import Command, Measurement, Truth
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import SavedRows
 from agrobot_mj.simulation.loop import Loop
@@ -25,6 +25,8 @@ class LoopState(NamedTuple):
     seen: Held[Truth]  # True state after the last step of the plant
     sensed: tuple[Measurement, Situation] | None
     """Last measurement and guidance inputs, without the sampled path, or None before the first measurement."""
+    commanded: tuple[Any, Command] | None
+    """Result of the guidance law if an episode has called the law for the next tick, otherwise None."""
 
 
 class Snapshot(NamedTuple):
@@ -39,7 +41,9 @@ class Snapshot(NamedTuple):
 
 def loop_state(loop: Loop) -> LoopState:
     """Return the state of a loop between two ticks. The state is not copied."""
-    return LoopState(loop.plant.save(), dict(vars(loop.stages)), loop.seen, _on_route(loop.sensed, None))
+    pending = loop.law.pending
+    commanded = None if isinstance(pending, BaseException) else pending
+    return LoopState(loop.plant.save(), dict(vars(loop.stages)), loop.seen, _on_route(loop.sensed, None), commanded)
 
 
 def set_loop_state(loop: Loop, state: LoopState) -> None:
@@ -48,7 +52,7 @@ def set_loop_state(loop: Loop, state: LoopState) -> None:
     for name, value in state.stages.items():
         setattr(loop.stages, name, value)
     loop.seen, loop.sensed = state.seen, _on_route(state.sensed, loop.route)
-    loop.has_sensed = loop.sensed is not None
+    loop.has_sensed, loop.law.pending = loop.sensed is not None, state.commanded
 
 
 def _on_route(sensed: tuple[Measurement, Situation] | None, route: Any) -> Any:

@@ -131,7 +131,9 @@ class Simulation:
         before = dict(stages)
         try:
             command = command_of(self.loop, given, speed) if given or speed is not None else None
-            self._finish_tick(self.loop.tick(command), led=command is None)
+            tick = self.loop.tick(command)
+            self.loop.law.pending = None  # of a tick with an external command
+            self._finish_tick(tick, led=command is None)
         except NotFiniteError as error:
             self._diverge(str(error))
         except BaseException:
@@ -195,7 +197,7 @@ class Simulation:
         try:
             values, t = row(tick)
             rows.append(values, plant.wheels(), plant.poses(), loop.report())
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             loop.check_reports()
             raise
         r = tick.reference

@@ -1,5 +1,8 @@
 """Guidance laws and estimators in Python within episodes."""
 
+import builtins
+import copy
+import time
 from math import nan
 from typing import Any, Literal
 
@@ -12,6 +15,7 @@ from agrobot_mj.control.base import GuidanceLaw
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import Column, Command, Estimate
 from agrobot_mj.estimation.base import StateEstimator
+from agrobot_mj.simulation import interpreted
 from agrobot_mj.simulation.episodes import SHORTEST
 from agrobot_mj.simulation.stepping import Simulation
 
@@ -157,6 +161,105 @@ def test_error_of_an_interpreted_stage_is_raised_at_the_same_tick(part, name, er
 def test_metrics_name_the_interpreted_stages(overrides, stages):
     log = run(load_scenario("straight_line", {"duration_s": 1.0, **overrides}))
     assert log.metrics.get("interpreted_stages") == stages
+
+
+class Drawing(GuidanceLaw):
+    """Law whose state changes in place, with a voltage in every 37th tick, which ends an episode."""
+
+    kind: Literal["drawing"] = "drawing"
+
+    def init(self):
+        return {"ticks": 0, "noise": np.random.default_rng(1)}
+
+    def update(self, state, situation, dt):
+        state["ticks"] += 1
+        steer = 0.01 * state["noise"].standard_normal()
+        return state, Command(steer, 1.2, None if state["ticks"] % 37 else 6.3)
+
+
+def waiting(sim: Simulation) -> Simulation:
+    """Advance to a tick for which an episode has already called the law."""
+    while sim.loop.law.pending is None:
+        sim.advance()
+    return sim
+
+
+def begun(part: Any) -> Simulation:
+    sim = Simulation(load_scenario("straight_line", {"duration_s": 12.0}).model_copy(update={"guidance": part}))
+    sim.reset()
+    return sim
+
+
+@pytest.mark.parametrize("most", [0, 200])
+def test_saved_run_continues_with_the_command_of_an_ended_episode(most):
+    sim, restored = waiting(begun(Drawing())), begun(Drawing())
+    copied, state = copy.deepcopy(sim), sim.save()
+    restored.restore(state)
+    for each in (sim, copied, restored):
+        advance_to_end(each, 0 if most == 0 else 50)
+    assert ended(sim) == ended(copied) == ended(restored) == ended(simulated(Drawing(), 0))
+
+
+def test_restored_run_does_not_use_the_command_of_another_run():
+    sim = begun(Drawing())
+    state = sim.save()
+    waiting(sim).restore(state)
+    advance_to_end(sim, 0)
+    assert ended(sim) == ended(simulated(Drawing(), 0))
+
+
+def test_command_before_an_external_command_is_not_used_later():
+    law = Counting(calls=[], voltage_between=(3.02, 6.0))
+    sim = waiting(begun(law))
+    sim.step(steer=0.0, speed=1.0)
+    sim.step()
+    assert law.calls[-1] == pytest.approx(law.calls[-2] + 0.05)
+
+
+def test_slow_law_ends_an_episode_after_its_time_limit(monkeypatch):
+    monkeypatch.setattr(interpreted, "LONGEST_S", 0.0)
+    sim = simulated(Counting(calls=[]), 50)
+    monkeypatch.undo()
+    assert ended(sim) == ended(simulated(Counting(calls=[]), 0))
+    law = Counting(calls=[])
+    sim = begun(law)
+    monkeypatch.setattr(Counting, "update", lambda *given: time.sleep(0.02) or (None, Command(0.0, 1.2)))
+    sim.advance()
+    assert 0 < sim.rows.filled < 60
+
+
+class Reporting(Counting):
+    """Law whose report is invalid after 2 s."""
+
+    kind: Literal["reporting"] = "reporting"
+    odd: Any = None
+    raises: str = ""
+
+    def report(self, state):
+        if len(self.calls) <= 40:
+            return (1.0,)
+        if self.raises:
+            raise getattr(builtins, self.raises)
+        return self.odd
+
+
+@pytest.mark.parametrize(
+    ("odd", "error"),
+    [
+        *((odd, ScenarioError) for odd in (None, 1.0, (None,), "1", ("1",), (10**400,), (1.0, 2.0), ())),
+        *((e.__name__, e) for e in (SystemExit, GeneratorExit, KeyboardInterrupt, StopIteration, ValueError)),
+    ],
+)
+@pytest.mark.filterwarnings("error")  # an exception in a callback is a warning
+def test_invalid_report_is_an_error_at_the_same_tick(odd, error):
+    filled = []
+    for most in (0, 200):
+        raises = odd if isinstance(odd, str) and odd != "1" else ""
+        sim = begun(Reporting(calls=[], odd=odd, raises=raises))
+        with pytest.raises(error):
+            advance_to_end(sim, most)
+        filled.append(sim.rows.filled)
+    assert filled[0] == filled[1] > 35
 
 
 def test_simulation_with_an_interpreted_law_is_freed_at_once():
