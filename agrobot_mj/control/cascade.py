@@ -12,10 +12,21 @@ from agrobot_mj.control.base import YAW_COLUMNS, GuidanceLaw, Situation, YawComm
 from agrobot_mj.control.pid import clip
 from agrobot_mj.control.speed_network import SpeedNetworkState
 from agrobot_mj.core.calls import Linked
-from agrobot_mj.core.errors import NotFiniteError
+from agrobot_mj.core.contracts import check_update, one_line
+from agrobot_mj.core.errors import NotFiniteError, ScenarioError
 from agrobot_mj.core.held import Held
 from agrobot_mj.core.signals import Column, Command
 from agrobot_mj.machine.tractor import TractorParameters
+
+
+def _is_finite(command: YawCommand, name: str, kind: str) -> bool:
+    """Return whether the numbers of a command are finite, except `q`. Raises `ScenarioError` for a wrong type."""
+    try:
+        isfinite(command.q)  # raises an error unless the field is a number
+        return isfinite(command.steer + command.tau_c + command.tau_n)
+    except (TypeError, ValueError, OverflowError):
+        raise ScenarioError(f"{name} ({kind}) returned a non-numeric command: {one_line(command)}") from None
+
 
 SPEED_COLUMNS = (
     Column("speed_tau_c", "m/s", "output of the proportional speed controller"),
@@ -59,8 +70,10 @@ class Cascade(GuidanceLaw):
         e_yaw_rate = yaw_rate_ref - situation.estimate.yaw_rate
         limit = situation.steer_limit(self.law.lateral_acceleration_m_s2)
         scaled = self.law.gain_scale(situation) * e_yaw_rate
-        controller, command = self.controller.update(state.controller, situation.t, scaled, dt, limit)
-        if not isfinite(command.steer + command.tau_c + command.tau_n):
+        found = self.controller.update(state.controller, situation.t, scaled, dt, limit)
+        names = "the controller", self.controller.kind
+        controller, command = check_update(found, YawCommand, *names, "update")
+        if not _is_finite(command, *names):
             steer, tau_c, tau_n, _ = command
             raise NotFiniteError(
                 f"steer {steer} rad, tau_c {tau_c} rad or tau_n {tau_n} rad of the controller "

@@ -295,7 +295,7 @@ class Gnss(Sensor):
             fix = fix._replace(heading=wrap(heading) if self.dual_antenna.enabled else nan)
             found = last = _frozen(fix, last, conditions.gnss_frozen) if last else fix
         reading = GnssReading(found, quality)
-        late = round((self.latency_s + conditions.gnss_latency_s) / dt)
+        late = max(round((self.latency_s + conditions.gnss_latency_s) / dt), 0)
         if late or pending:
             pending = (*pending, reading)
             at = len(pending) - 1 - late

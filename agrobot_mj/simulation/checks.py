@@ -5,6 +5,7 @@ finite; otherwise they are checked individually. Measurements that a real comput
 not a number, count as missing (see `Reception`).
 """
 
+from array import array
 from collections.abc import Callable, Collection, Sequence
 from math import degrees, inf, isfinite, nan, radians
 from operator import itemgetter
@@ -49,56 +50,110 @@ Message = TypeVar("Message", bound=tuple[Any, ...])
 
 
 class Numbers:
-    """Finiteness check of the numbers of a message. Fields whose default is NaN (not given) are not checked."""
+    """Check of the types and the finiteness of the numbers of a message. Fields with the default NaN may be NaN."""
 
     def __init__(self, message: Any, but: Collection[str] = (), name: str = "") -> None:
         """Collect the numeric fields of the class `message`, except the fields `but`. Optional fields may be None."""
         hints, defaults, self.name = message.__annotations__, message._field_defaults, name or message.__name__.lower()
+        self._kind, self._places = message, {field: k for k, field in enumerate(message._fields)}
         shapes = {n: _shape(hints[n], defaults.get(n, 0.0)) for n in message._fields if n not in but}
-        at = {s: [message._fields.index(n) for n in shapes if shapes[n] == s] for s in ("one", "none", "few", "many")}
-        self._ones, self._nones, self._few, self._many = itemgetter(*at["one"]), at["none"], at["few"], at["many"]
-        self._fields = [n for n, shape in shapes.items() if shape not in ("", "message")]
-        parts = [n for n, shape in shapes.items() if shape == "message"]
-        self._parts = [(message._fields.index(n), Numbers(hints[n], name=f"{self.name}.{n}")) for n in parts]
+        kinds = "one", "none", "few", "many", "flag", "unknown"
+        at = {s: [self._places[n] for n in shapes if shapes[n] == s] for s in kinds}
+        self._ones, self._nones, self._many = itemgetter(*at["one"]), at["none"], at["many"]
+        self._few = [(k, len(get_args(hints[message._fields[k]]))) for k in at["few"]]
+        self._flags, self._unknowns, self._shapes = at["flag"], at["unknown"], shapes
+        self._parts = [(self._places[n], self._part(hints[n], n)) for n in shapes if shapes[n] == "message"]
+        self._lists = [
+            (self._places[n], self._part(get_args(hints[n])[0], n)) for n in shapes if shapes[n] == "messages"
+        ]
+
+    def _part(self, message: Any, field: str) -> "Numbers":
+        return Numbers(message, name=f"{self.name}.{field}")
 
     def check(self, message: Any, maker: str) -> None:
-        """Raise `NotFiniteError` for a number that is not finite, and `ScenarioError` for a value that is not a number.
+        """Raise `NotFiniteError` for a number that is not finite, and `ScenarioError` for a value of another type.
 
         Error messages name the stage `maker`, which returned the message.
         """
+        if not isinstance(message, self._kind):
+            kind = self._kind.__name__
+            raise ScenarioError(f"{maker} returned {one_line(message)} as {self.name}; return an object of {kind}")
         for k, part in self._parts:
             part.check(message[k], maker)
+        for k, part in self._lists:
+            for each in message[k]:
+                part.check(each, maker)
         try:
             total: float = sum(self._ones(message))  # finite if all numbers are finite
-            for k in self._few:
-                total += sum(message[k])
+            for k, count in self._few:
+                total += _sum(message[k], count)
             for k in self._many:
                 total += sum(message[k].ravel().tolist())
             for k in self._nones:
                 total += message[k] or 0.0
+            for k in self._flags:
+                total += bool(message[k])
+            for k in self._unknowns:
+                isfinite(message[k])  # raises an error unless the field is a number
             finite = isfinite(total)
-        except (AttributeError, TypeError, ValueError):
-            raise ScenarioError(f"{maker} returned a non-numeric {self.name}: {one_line(message)}") from None
+        except WRONG_TYPE:
+            text = f"{one_line(message)}{self._wrong(message)}"
+            raise ScenarioError(f"{maker} returned a non-numeric {self.name}: {text}") from None
         if finite:
             return
-        for field in self._fields:
+        for field, shape in self._shapes.items():
             value = getattr(message, field)
-            if value is not None and not np.isfinite(value).all():
+            if shape in ("one", "few", "many", "none") and value is not None and not np.isfinite(value).all():
                 shown = np.ravel(value)
                 raise NotFiniteError(f"{self.name}.{field} is {shown[~np.isfinite(shown)][0]}, returned by {maker}")
         raise NotFiniteError(f"{self.name}, returned by {maker}, overflows")
 
+    def _wrong(self, message: Any) -> str:
+        """Return the description of the first field with a wrong type, such as `; estimate.nis is None`."""
+        counts = dict(self._few)
+        for field, shape in self._shapes.items():
+            value, violated = getattr(message, field), "is"
+            try:
+                if shape == "few":
+                    violated = f"must be a tuple of {counts[self._places[field]]} numbers, got"
+                    isfinite(_sum(value, counts[self._places[field]]))
+                elif shape == "many":
+                    isfinite(sum(value.ravel().tolist()))
+                elif shape == "flag":
+                    bool(value)
+                elif shape in ("one", "unknown") or (shape == "none" and value is not None):
+                    isfinite(value)
+            except WRONG_TYPE:
+                return f"; {self.name}.{field} {violated} {one_line(value)}"
+        return ""
+
+
+WRONG_TYPE = AttributeError, TypeError, ValueError, OverflowError
+"""Types of the exceptions that arithmetic with a wrong type, or with an integer above the range of floats, raises."""
+
+
+def _sum(numbers: Any, count: int) -> Any:
+    """Return the sum of a tuple. Raise TypeError unless `numbers` is a tuple of `count` elements."""
+    if not isinstance(numbers, tuple) or len(numbers) != count:
+        raise TypeError
+    return sum(numbers)
+
 
 def _shape(hint: Any, default: Any) -> str:
-    """Return the type of a field: "one" number, "few" (tuple), "many" (array), "none" (number or None) or "message".
+    """Return the type of a field: "one" number, "few" (tuple), "many" (array), "none" (number or None), "unknown" (number
+    or NaN), "flag", "message" or "messages" (tuple of messages).
 
     The result is "" for a field that is not checked.
     """
     few = get_origin(hint) is tuple and set(get_args(hint)) == {float}
     if few or hint in (int, float):
-        return "" if np.isnan(default).any() else "few" if few else "one"
-    if hint == float | None:
-        return "none"
+        if np.isnan(default).any():
+            return "" if few else "unknown"
+        return "few" if few else "one"
+    if hint == float | None or hint is bool:
+        return "flag" if hint is bool else "none"
+    if get_origin(hint) is tuple and hasattr(get_args(hint)[0], "_fields"):
+        return "messages"
     return "many" if hint in (Array, Vector, Matrix) else "message" if hasattr(hint, "_fields") else ""
 
 
@@ -131,8 +186,8 @@ class Stage(Generic[Message]):
 
     def update(self, *arguments: Any) -> tuple[Any, Message]:
         """Call a stage that has a state. Return the new state and the checked message."""
-        if pending := self.pending:
-            self.pending = None
+        if self.pending is not None:
+            pending, self.pending = self.pending, None
             if isinstance(pending, BaseException):
                 raise pending
             return pending
@@ -228,10 +283,10 @@ def possible(fix: Fix) -> bool:
 def check_report(maker: str, columns: Sequence[Column], report: Any) -> None:
     """Raise `ScenarioError` unless the `report` of a stage contains one number for each of its columns."""
     try:
-        numbers = [float(value) for value in report]
-    except (TypeError, ValueError):
-        numbers = []
-    if len(numbers) != len(columns):
+        numbers = array("d", () if isinstance(report, str) else report)
+    except (TypeError, ValueError, OverflowError):
+        numbers = None
+    if numbers is None or len(numbers) != len(columns):
         count = f"{len(columns)} numbers, one per column"
         raise ScenarioError(f"{maker}: the method report() must return {count}, got {one_line(report)}")
 

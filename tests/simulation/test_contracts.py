@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from agrobot_mj import load_scenario, run
+from agrobot_mj.control.base import YawCommand, YawController
 from agrobot_mj.core.contracts import check_pair, check_update
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import Column, Estimate
@@ -290,3 +291,27 @@ def test_invalid_return_values_are_shortened_in_the_message():
     assert len(str(refused.value)) < 300
     with pytest.raises(ScenarioError, match="got 'two lines'"):
         check_pair("two lines", "a pair", "the law", "mine", "update")
+
+
+@pytest.mark.parametrize(
+    ("answer", "text"),
+    [
+        (None, "update must return its state and a YawCommand, got None"),
+        ((0, 0.1), "update must return its state and a YawCommand, got"),
+        ((0, YawCommand(None)), r"returned a non-numeric command: YawCommand\(steer=None"),
+        ((0, YawCommand(0.0, q=None)), r"returned a non-numeric command: YawCommand\(steer=0.0"),
+        ((0, YawCommand(10**400)), "returned a non-numeric command"),
+    ],
+)
+def test_invalid_return_value_of_a_yaw_controller_is_rejected(answer, text):
+    class Vain(YawController):
+        kind: Literal["vain"] = "vain"
+
+        def init(self):
+            return 0
+
+        def update(self, state, t, yaw_rate_error, dt, steer_limit):
+            return answer
+
+    with pytest.raises(ScenarioError, match=rf"the controller \(vain\)\S* {text}"):
+        run(scenario(controller=Vain()))

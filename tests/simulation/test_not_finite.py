@@ -12,7 +12,7 @@ from processes import command
 from agrobot_mj import Simulation, load_scenario, run
 from agrobot_mj.core.errors import CommandError, NotFiniteError, ScenarioError
 from agrobot_mj.core.kernels import fetched, held
-from agrobot_mj.core.signals import Array, Drive
+from agrobot_mj.core.signals import Array, Command, Conditions, Drive, Estimate, PointMass
 from agrobot_mj.estimation import Ekf
 from agrobot_mj.paths import FigureEight
 from agrobot_mj.plants import BicyclePlant
@@ -319,3 +319,31 @@ def test_return_value_with_non_numeric_fields_is_rejected():
     for changes in ({"x": "east"}, {"place": None}, {"samples": 1.0}):
         with pytest.raises(ScenarioError, match=r"^a test returned a non-numeric sample: Sample\("):
             Numbers(Sample).check(SOUND._replace(**changes), "a test")
+
+
+@pytest.mark.parametrize(
+    ("message", "changes", "named"),
+    [
+        (Estimate, {"nis": None}, "estimate.nis is None"),
+        (Estimate, {"position_sigma": "1"}, "estimate.position_sigma is '1'"),
+        (Estimate, {"fix_age": np.ones(2)}, r"estimate.fix_age is array\(\[1., 1.\]\)"),
+        (Estimate, {"aligned": np.array([True, False])}, "estimate.aligned is array"),
+        (Estimate, {"covariance": [[1.0]]}, r"estimate.covariance is \[\[1.0\]\]"),
+        (Command, {"speed": 10**400}, "command.speed is 1000"),
+        (Command, {"pedal": "half"}, "command.pedal is 'half'"),
+        (Conditions, {"gnss_offset": [1.0, 1.0]}, "conditions.gnss_offset must be a tuple of 2 numbers, got"),
+        (Conditions, {"tyre_rolling": (1.0,) * 3}, "conditions.tyre_rolling must be a tuple of 4 numbers, got"),
+        (Conditions, {"gyro": 1.0}, "returned 1.0 as conditions.gyro; return an object of Distortion"),
+        (Conditions, {"payload": PointMass(1.0, 0.0, 0.0, 0.0)}, "returned 1.0 as conditions.payload; return an obj"),
+        (Conditions, {"payload": ((1.0, 0.0, 0.0, 0.0),)}, "as conditions.payload; return an object of PointMass"),
+    ],
+)
+def test_error_names_the_field_of_a_wrong_type(message, changes, named):
+    sound = {
+        Estimate: Estimate(*[0.0] * 7, np.eye(3)),
+        Command: Command(0.0, 1.0),
+        Conditions: Conditions(payload=(PointMass(1.0, 0.0, 0.0, 0.0),)),
+    }[message]
+    Numbers(message).check(sound, "a test")
+    with pytest.raises(ScenarioError, match=named):
+        Numbers(message).check(sound._replace(**changes), "a test")

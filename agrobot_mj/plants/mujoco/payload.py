@@ -10,6 +10,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import Array, PointMass
 from agrobot_mj.plants.mujoco.clearance import quat_of, rotation_of
 from agrobot_mj.plants.mujoco.model import is_physical_inertia, steiner
@@ -27,14 +28,14 @@ class Inertial(NamedTuple):
 
 
 def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:
-    """Return the mass properties of a body with a payload. Raises ValueError for a physically impossible result."""
+    """Return the mass properties of a body with a payload. Raises `ScenarioError` if the result is not physical."""
     mass = bare.mass + sum(load.kg for load in payload)
     if mass < LEAST_KG:
-        raise ValueError(f"mass_kg: only {mass:.0f} of {bare.mass:.0f} kg of the chassis remain; remove less mass")
+        raise ScenarioError(f"mass_kg: only {mass:.0f} of {bare.mass:.0f} kg of the chassis remain; remove less mass")
     found = _joined(bare, payload, mass)
     if not is_physical_inertia(found.inertia):
         principal = np.round(np.linalg.eigvalsh(found.inertia), 1).tolist()
-        raise ValueError(
+        raise ScenarioError(
             f"mass_kg: the resulting inertia of the chassis is not physical (principal moments {principal} kg m2); "
             f"use at most {100 * _fitting_share(bare, payload):.0f} % of this mass there, or move it towards the centre"
         )
