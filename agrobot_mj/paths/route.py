@@ -14,6 +14,7 @@ from typing import cast
 
 import numpy as np
 
+from agrobot_mj.core.errors import NotFiniteError
 from agrobot_mj.core.kernels import stage
 from agrobot_mj.core.samples import (
     DIRECTION,
@@ -40,6 +41,7 @@ from agrobot_mj.paths.base import ReferencePath, reference_at
 
 CHUNK_S = 20.0  # Time interval by which the sampled path is extended [s]
 BEYOND_S = 3600.0  # Time after the end of the path up to which samples are added to reach a required arc length [s]
+LATEST_S = 48 * 3600.0  # Time up to which every path can be sampled [s]: twice the maximum duration of a run
 
 LAP_GRID_M, MIN_LAP_M = 0.05, 10.0  # Grid spacing for comparing headings, and minimum lap length [m]
 MAX_DIFFERENCE = 0.01
@@ -73,7 +75,7 @@ class SampledRoute:
     def leg(self, t: float) -> tuple[float, float]:
         """Return the arc lengths [m] at both ends of the leg, between two cusps, on which the reference travels at time
         `t` [s]. The end is infinity if no later cusp is known."""
-        if self._until < t + CHUNK_S:
+        if not self._until >= t + CHUNK_S:
             self._grow(until=t + CHUNK_S)
         k = max(bisect_right(self._leg_times, t) - 1, 0)
         return self._leg_starts[k], self._leg_starts[k + 1] if k + 1 < len(self._leg_starts) else inf
@@ -86,7 +88,7 @@ class SampledRoute:
 
     def around(self, near: float) -> Matrix:
         """Sample the path to the end of the search window around the arc length `near` [m] and return all samples."""
-        if self._end < near + WINDOW_M:
+        if not self._end >= near + WINDOW_M:
             self._grow(beyond=near + WINDOW_M)
         return self._samples
 
@@ -157,6 +159,8 @@ class SampledRoute:
     def _grow(self, until: float = CHUNK_S, beyond: float = -inf) -> bool:
         """Sample the path up to time `until` [s] and arc length `beyond` [m]; return whether samples were added."""
         before = self._until
+        if not (until <= LATEST_S and beyond < inf):
+            self._require_possible(until, beyond)
         # the duration is last, because it is slow to compute for many laps and rarely needed
         while self._until < until or (self._end < beyond and self._until < self.path.duration_s + BEYOND_S):
             count = max(int(CHUNK_S * self.path.speed_m_s / STEP_M), 4)
@@ -164,6 +168,14 @@ class SampledRoute:
             self._append(_samples_at(times, references_at(self.path, times)))
             self._until = float(times[-1])
         return self._until > before
+
+    def _require_possible(self, until: float, beyond: float) -> None:
+        """Raise `NotFiniteError` if the path cannot be sampled up to `until` [s] and `beyond` [m]."""
+        if not (until <= max(LATEST_S, self.path.duration_s + BEYOND_S) and beyond < inf):
+            place = f"the time {until:g} s" if beyond < inf else f"the arc length {beyond:g} m"
+            raise NotFiniteError(
+                f"the route cannot be sampled up to {place}; use finite numbers in queries of the route"
+            )
 
     def _append(self, new: Array) -> None:
         known = self._samples[-1:]

@@ -1,11 +1,12 @@
 """Nearest-point search compared with geometry and brute force, and independent of the order of queries."""
 
-from math import atan2, cos, hypot, pi, radians, sin
+from math import atan2, cos, hypot, inf, nan, pi, radians, sin
 
 import numpy as np
 import pytest
 
 from agrobot_mj.control.base import Route
+from agrobot_mj.core.errors import NotFiniteError
 from agrobot_mj.core.signals import Reference
 from agrobot_mj.core.spec import every
 from agrobot_mj.metrics.crosstrack import track
@@ -25,6 +26,18 @@ def test_nearest_route_point_has_correct_distance_and_lateral_offset(path, s, of
     assert found.offset == pytest.approx(offset, abs=1e-6)
     assert found.s == pytest.approx(s, abs=2e-3)
     assert hypot(found.x - foot.x, found.y - foot.y) < 2e-3
+
+
+@pytest.mark.parametrize("path", [Line(), Circle()], ids=str)
+@pytest.mark.parametrize("value", [nan, inf, 1e300])
+def test_route_query_with_a_number_out_of_range_is_rejected(path, value):
+    route = SampledRoute(path)
+    queries = [lambda: route.nearest(0.0, 0.0, 0.0, value)]
+    if value != 1e300:
+        queries += [lambda: route.nearest(0.0, 0.0, value, 0.0), lambda: route.ahead(value)]
+    for query in queries:
+        with pytest.raises(NotFiniteError, match=r"^the route cannot be sampled up to the (time|arc length)"):
+            query()
 
 
 def test_route_points_on_a_circle_equal_the_analytic_points():
