@@ -75,13 +75,16 @@ def main() -> None:
 
 
 def _of_plugin(error: Exception) -> str:
-    """Return the traceback of `error` from the first frame in a plugin file, or "" if no frame is in a plugin file."""
+    """Return the traceback of `error`, or of its cause, from the first frame in a plugin file; "" if there is none."""
     if (plugins := sys.modules.get("agrobot_mj.scenario.plugins")) is None:
         return ""
     files, frame = set(map(str, plugins.loaded_files())), error.__traceback__
     while frame is not None and frame.tb_frame.f_code.co_filename not in files:
         frame = frame.tb_next
-    return "".join(traceback.format_exception(type(error), error, frame)).rstrip() if frame else ""
+    if frame:
+        return "".join(traceback.format_exception(type(error), error, frame)).rstrip()
+    # Python converts StopIteration within a generator to RuntimeError
+    return _of_plugin(error.__cause__) if isinstance(error.__cause__, Exception) else ""
 
 
 def _called() -> tuple[int, str]:

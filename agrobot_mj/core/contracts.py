@@ -14,11 +14,12 @@ Message = TypeVar("Message")
 
 @contextmanager
 def without_exit() -> Iterator[None]:
-    """Convert a SystemExit that plugin code raises within the block to `ScenarioError`."""
+    """Convert a SystemExit or GeneratorExit that plugin code raises within the block to `ScenarioError`."""
     try:
         yield
-    except SystemExit as error:
-        raise ScenarioError("code of a plugin ended the run with SystemExit; raise another exception") from error
+    except (SystemExit, GeneratorExit) as error:
+        name = type(error).__name__
+        raise ScenarioError(f"code of a plugin ended the run with {name}; raise another exception") from error
 
 
 def check_argument(name: str, value: object, fits: bool, wanted: str) -> None:

@@ -220,12 +220,17 @@ def loaded_files() -> tuple[Path, ...]:
     return tuple(_files)
 
 
-def place_in_plugin(error: Exception) -> str:
-    """Return the innermost plugin line in the traceback of an error, as ` (own.py, line 12)`, or an empty string."""
+def place_in_plugin(error: BaseException) -> str:
+    """Return the innermost plugin line in the traceback of an error or of its cause, as ` (own.py, line 12)`.
+
+    Returns an empty string if there is no plugin line.
+    """
     files = set(map(str, _files))
     lines = [(frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(error.__traceback__)]
     found = [f" ({Path(file).name}, line {line})" for file, line in lines if file in files]
-    return found[-1] if found else ""
+    if found:
+        return found[-1]
+    return place_in_plugin(error.__cause__) if error.__cause__ else ""
 
 
 def plugin_options(files: Iterable[Path] | None = None) -> str:

@@ -26,6 +26,12 @@ class Forgetful(Straight):
 
     def grown(self, state):
         return state + 1.0
+
+class Exhausted(Straight):
+    kind: Literal["exhausted"] = "exhausted"
+
+    def update(self, state, situation, dt):
+        return next(iter(())), Command(steer=0.0, speed=1.1)
 """
 SWEEP = """
 base = "drive.toml"
@@ -90,6 +96,15 @@ def test_error_in_a_plugin_begins_with_its_file_name(folder):
     assert lines[-1].startswith("TypeError: unsupported operand")
     assert len(lines) - start < 12
     assert not list(Path(folder).glob("runs/*/signals.parquet"))
+
+
+def test_stop_iteration_in_a_plugin_begins_with_its_file_name(folder):
+    done = command(folder, "run", "drive.toml", "--plugin", "own.py", "--set", "guidance.kind=exhausted", "--no-rrd")
+    lines = done.stderr.splitlines()
+    start = lines.index("Traceback (most recent call last):")
+    assert done.returncode == 1
+    assert lines[start + 1].strip() == f'File "{folder / "own.py"}", line 25, in update'
+    assert lines[-1] == "StopIteration"
 
 
 def test_error_of_a_failed_comparison_run_names_the_line_of_the_plugin(folder):
