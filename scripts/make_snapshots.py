@@ -65,12 +65,12 @@ def gallery(folder: Path) -> None:
     for name, tile in PLAN["gallery"].items():
         file = folder / f"{name}.rrd"
         log = run(load_scenario(tile["scenario"], tile.get("set", {})), (Recording(file),))
-        (picture,) = snapshots(file, [tile["t"]], folder / name, ["tractor"], size=VIEW_SIZE)
+        end = float(log.column("t")[-1])
+        (picture,) = snapshots(file, [min(tile["t"], end)], folder / name, ["tractor"], size=VIEW_SIZE)
         with Image.open(picture) as whole:
             save(whole, VIEW_SIZE[0], IMAGES / f"gallery-{name}.jpg")
         if "moves_s" in tile:
-            start = float(log.column("t")[-1]) - tile["moves_s"]
-            (animation,) = snapshots(file, [start], folder / name, ["tractor"], "gif", VIEW_SIZE)
+            (animation,) = snapshots(file, [end - tile["moves_s"]], folder / name, ["tractor"], "gif", VIEW_SIZE)
             (IMAGES / f"gallery-{name}.gif").write_bytes(animation.read_bytes())
         print(name, flush=True)
 
