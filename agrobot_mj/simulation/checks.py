@@ -140,8 +140,8 @@ def _sum(numbers: Any, count: int) -> Any:
 
 
 def _shape(hint: Any, default: Any) -> str:
-    """Return the type of a field: "one" number, "few" (tuple), "many" (array), "none" (number or None), "unknown" (number
-    or NaN), "flag", "message" or "messages" (tuple of messages).
+    """Return the type of a field: "one" number, "few" (tuple), "many" (array), "none" (number or None), "unknown"
+    (number or NaN), "flag", "message" or "messages" (tuple of messages).
 
     The result is "" for a field that is not checked.
     """

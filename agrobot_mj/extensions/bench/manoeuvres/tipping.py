@@ -48,7 +48,7 @@ def tilt(
 
     The tilt direction follows the yaw of the tractor, which changes by some degrees on its tyres.
 
-    `slowly_deg_s` is the rate of the tilt above `FROM_DEG` [deg/s]. The carcass of the lower wheel needs some seconds to
+    `slowly_deg_s` is the rate of the tilt above `FROM_DEG` [deg/s]. The carcass of the lower wheel needs seconds to
     deflect before the upper wheel lifts off, which increases the slope by up to 0.2 deg at the default rate.
     """
     side, upper = (1.0, WHEELS.index("rl")) if left_side_up else (-1.0, WHEELS.index("rr"))
