@@ -55,7 +55,7 @@ def sweep(
     if not quiet:
         there = f", {found.before:,} already present" if found.before else ""
         unexpected = f", of which {found.unexpected:,} did not end as expected" if found.unexpected else ""
-        print(f"{found.new:,} runs done{unexpected}{there}, {found.folder / 'sweep.parquet'}")
+        print(f"{found.new:,} runs done{unexpected}{there}; results in {found.folder / 'sweep.parquet'}")
         for warning in table_warnings(found.folder / "sweep.parquet"):
             print(warning)
 
@@ -69,7 +69,7 @@ def _merge(sources: list[str], out: Path | None, quiet: bool) -> None:
     folder = results_folder(out, name) if out or files or len(folders) > 1 else folders[0]
     rows, total = merged([*folders, *([folder] if folder.is_dir() and (files or not folders) else [])], folder)
     if not quiet:
-        print(f"{rows:,} of {total:,} runs, {folder / 'sweep.parquet'}")
+        print(f"{rows:,} of {total:,} runs; results in {folder / 'sweep.parquet'}")
     if rows < total:
         print(f"{folder}: {total - rows:,} of {total:,} runs are missing; run the remaining shards", file=sys.stderr)
         raise typer.Exit(1)

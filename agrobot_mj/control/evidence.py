@@ -54,7 +54,8 @@ class Sensed(NamedTuple):
 
 
 def seen(m: Measurement) -> tuple[Sensed, Fix, int]:
-    """Return the measurements of a tick, the fix (NaN if missing) and its quality, as numbers for compiled kernels."""
+    """Return numbers for compiled kernels: the measurements of a tick, and separately the fix (NaN if missing) and its
+    quality."""
     unit = m.readings.get("imu")
     force = (nan, nan, nan) if unit is None else tuple(getattr(unit, f"force_{axis}", nan) for axis in "xyz")
     sensed = Sensed(m.t, m.steer, m.pedal, m.gyro, m.roll, m.pitch, m.wheel_speed, force)  # type: ignore[arg-type]

@@ -62,7 +62,8 @@ def linearised(p: PoseEkfLaw, mean: Vector, inputs: Inputs, sigma: float) -> Lin
 def _tick(
     s: Held[PoseSettings], p: Held[PoseEkfLaw], state: Held[PoseState], m: Readings, fix: Fix, quality: int, dt: float
 ) -> tuple[Held[PoseState], Held[Estimate], Vector]:
-    """Return references to the new state and the estimate after a tick of `dt` [s], and empty log values."""
+    """Return the new state and the estimate, by reference, after a tick of `dt` [s], and an empty array of log
+    values."""
     s, p, state = fetched(s), fetched(p), fetched(state)
     now = prepared(s, state, m, fix, quality, 0.0, dt)
     model = linearised(p, state.pose, (now.speed, m.steer, dt), now.sigma)

@@ -45,8 +45,8 @@ class Parallel(Transitions, Timed):
     """Shape of turns between close passes: half turn to a more distant pass (`u`), bulb (`omega`), or three arcs
     (`k`)."""
     turn_radius_m: Positive = 3.0
-    """Radius of all arcs of a turn [m]. Default: proportional to the turning circle. Assumed value (range 2.5-4); 3 m
-    require a steering angle of 25 deg, half of the maximum."""
+    """Radius of all arcs of a turn [m]. Default: proportional to the turning circle. Assumed value: 3 m (range 2.5-4),
+    which requires a steering angle of 25 deg, half of the maximum."""
     turn_speed_m_s: Speed = 1.0
     """Maximum speed in a turn [m/s]. Assumed value (range 0.7-1.2) for typical drivers."""
     cusp_pause_s: NonNegative = 2.0
@@ -111,7 +111,8 @@ class Parallel(Transitions, Timed):
 def skipping(count: int, across: int) -> Iterator[int]:
     """Yield `count` pass numbers in an order with steps of at least `across`; `count` is at least 2 `across` + 1.
 
-    Within a block of 2 `across` + 1 passes, the order advances by `across` or returns by `across` + 1. The last passes,
+    Within a block of 2 `across` + 1 passes, each step goes forward by `across` or back by `across` + 1. The last
+    passes,
     which do not fill a block, alternate between two halves.
     """
     block, first = 2 * across + 1, 0

@@ -69,7 +69,7 @@ def test_command_of_the_example_package_reports_the_terrain_grade(package):
     assert 0.8 * degrees(atan(0.5 / 5)) < float(grade) < degrees(atan(0.5 / 5))
 
 
-def test_list_command_shows_command_and_kind_of_the_example_package(package):
+def test_list_shows_command_and_component_kind_of_the_example_package(package):
     assert "grades" in agrobot_mj(package, "--help")
     assert re.search(r"^terrain +terraces +Level strips", agrobot_mj(package, "list", "--kinds"), re.M)
 

@@ -55,7 +55,7 @@ def test_commands_of_the_page_run_and_give_repeatable_results(folder):
 
 
 @needs_all
-def test_tyre_sensor_and_metric_plugins_shown_on_the_page_run(folder):
+def test_example_plugins_of_a_tyre_a_sensor_and_a_metric_can_be_run(folder):
     """The run with the page's tyre has no compiled kernels, because their compilation would take longer."""
     for line in OTHERS.splitlines():
         driven = line.split()[1] == "run"

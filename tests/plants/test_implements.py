@@ -260,7 +260,7 @@ def test_estimate_with_antenna_on_a_rigid_implement_is_of_the_rear_axle(estimato
         ({"implement.kind": "mounted", "implement.axle_behind_m": 2.0}, "implement.axle_behind_m"),
     ],
 )
-def test_error_for_an_impossible_implement_names_the_key(overrides, told):
+def test_error_for_a_physically_impossible_implement_names_the_key(overrides, told):
     with pytest.raises(ScenarioError, match=told):
         load_scenario("straight_line", overrides)
 

@@ -234,7 +234,7 @@ def test_recording_of_a_diverged_run_is_readable(short, tmp_path, broken):
     assert len(both.column("/world/mujoco-a/chassis", "Transform3D:translation")[0]) == 150
 
 
-def test_state_plot_row_appears_only_with_its_column(short, tmp_path):
+def test_plot_of_a_state_appears_only_if_the_log_has_its_column(short, tmp_path):
     assert "/states/link" not in replay(short, tmp_path / "without.rrd").entities()
     rows = short.rows
     rows.columns = (*rows.columns, "link_engaged")

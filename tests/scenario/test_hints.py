@@ -86,7 +86,7 @@ def test_hint_states_the_value_of_a_clamped_tyre_coefficient():
 
 
 @pytest.mark.parametrize("ends", [False, True])
-def test_errors_in_hints_of_plugin_tyres_are_ignored(monkeypatch, ends):
+def test_errors_raised_while_plugin_tyres_compute_hints_are_ignored(monkeypatch, ends):
     """The error is reported when the tractor is built."""
     monkeypatch.setattr("agrobot_mj.tyres.Linear.structure", lambda self: sys.exit(3) if ends else None)
     assert hints(load_scenario("side_slope", {"plant.tyre.kind": "linear"})) == []

@@ -99,7 +99,7 @@ def test_scenario_law_or_yaw_controller_replaces_the_machine_law(led, given, law
     assert load_scenario("bumps", {"machine": led}).law == "stanley"
 
 
-def test_scenario_yaw_controller_keeps_the_default_guidance_law(led, tmp_path):
+def test_setting_a_yaw_controller_does_not_change_the_default_law(led, tmp_path):
     (tmp_path / "field.toml").write_text('machine = "led.toml"\n[controller]\nkind = "pd"\n')
     assert load_scenario(tmp_path / "field.toml").law == "kinematic with pd"
 

@@ -99,7 +99,7 @@ def test_error_for_an_unknown_option_suggests_the_closest_option(call, arguments
 
 
 @pytest.mark.parametrize("arguments", [("run", "circle", "lqr"), ("run", "circle", "--qqq"), ("run",)])
-def test_error_for_other_invalid_arguments_suggests_no_option(call, arguments):
+def test_error_for_an_invalid_value_does_not_suggest_an_option(call, arguments):
     status, _, err = call(*arguments)
     assert (status, "use --" in err) == (2, False)
 

@@ -148,7 +148,7 @@ def test_explanation_of_a_key_has_unit_range_default_source_and_kinds():
         assert re.search(rf"^  with +plant\.tyre\.kind = .*\b{kind}\b", text, re.M)
 
 
-def test_explanation_of_a_key_lists_the_different_defaults_of_kinds():
+def test_explanation_of_a_key_lists_its_default_for_each_kind():
     text = explain_key("terrain.grade_deg")
     defaults = {str(part().grade_deg) for part in families()["terrain"].values() if "grade_deg" in part.model_fields}
     assert len(defaults) > 1

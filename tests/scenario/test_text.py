@@ -43,7 +43,7 @@ def test_list_item_with_thousands_of_digits_is_rejected():
 
 
 @pytest.mark.parametrize("text", [f"seed = {DIGITS}", f"seed = {HEX}", f"[tractor]\nmass_kg = {HEX}"])
-def test_file_with_a_number_of_thousands_of_digits_is_rejected(tmp_path, text):
+def test_file_containing_a_number_with_thousands_of_digits_is_rejected(tmp_path, text):
     (tmp_path / "many.toml").write_text(text)
     assert refused(load_scenario, tmp_path / "many.toml").startswith("many.toml: ")
 

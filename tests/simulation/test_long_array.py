@@ -55,7 +55,7 @@ def test_run_stored_in_blocks_gives_the_same_log_and_files(small, tmp_path, monk
     assert file.read().equals(plain.signals, check_metadata=True)
 
 
-def test_run_of_one_block_writes_the_same_file_as_the_complete_table(tmp_path):
+def test_table_written_as_one_block_equals_the_table_written_at_once(tmp_path):
     """Files with one block are bit-identical for both writing methods."""
     log = run(load_scenario(*SCENARIO))
     write_log(log, tmp_path)

@@ -190,7 +190,7 @@ def test_run_ends_when_the_tractor_reaches_the_end_of_a_line_path():
     assert log.column("t")[-1] < log.scenario.path.duration_s + 2.0
 
 
-def test_late_tractor_may_finish_its_path_until_the_end_of_the_run():
+def test_tractor_behind_schedule_may_finish_its_path_before_the_end():
     slow = {"path__length_m": 20.0, "path__speed_m_s": 1.5, "driveline__power_limit_kw": 0.45, "guidance__kind": "lqr"}
     log = ends(60.0, **slow)
     assert log.outcome == "completed"

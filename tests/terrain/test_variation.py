@@ -78,7 +78,7 @@ def test_patches_replace_the_soil_variation_on_any_terrain():
     assert rolling_at(ground.surface, 12.0, 3.0) == 0.065
 
 
-def test_named_surface_applies_everywhere_except_for_explicit_keys():
+def test_named_surface_sets_all_soil_keys_that_are_not_given():
     ground = Flat(surface="sand", patch=(CirclePatch(surface="concrete", friction=0.8),)).ground()
     assert surface_at(ground.surface, 400.0, -400.0) == (0.7, 450e3)
     assert surface_at(ground.surface, 0.0, 0.0) == (0.8, 5000e3)

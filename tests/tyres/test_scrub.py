@@ -41,7 +41,7 @@ def test_scrubbing_moment_on_a_curve_equals_the_brush_model(kind):
     assert moment(tyre, 1.0, curvature) == pytest.approx(-K_x * WIDTH**2 / 12 * curvature, rel=0.01)
 
 
-def test_moment_of_turning_on_the_spot_is_limited_by_width_and_friction():
+def test_scrub_moment_on_the_spot_is_limited_by_width_and_friction():
     most = DRY_GRIP * LOAD * WIDTH / sqrt(8)
     assert moment(MagicFormula(), 0.0, 0.5) == pytest.approx(-most, rel=1e-6)
 

@@ -27,7 +27,8 @@ APART_M, APART_RAD = 0.05, 0.02
 
 
 def stored_plan(file: Path) -> Plan | None:
-    """Return the plan in a file of `field plan`, or None for other files. Raise `ScenarioError` for a damaged plan."""
+    """Return the plan from a file that `field plan` has written, or None for other files. Raise `ScenarioError` for a
+    damaged plan."""
     try:
         if file.suffix != ".json" or FORMAT not in file.read_text("utf-8", "replace")[:200]:
             return None

@@ -1,4 +1,4 @@
-"""Rerun recording of field work with the field boundary and, after the run, the gaps and overlaps."""
+"""Recording of field work for the Rerun viewer: field boundary and, after the run, gaps and overlaps."""
 
 from collections.abc import Callable
 from pathlib import Path

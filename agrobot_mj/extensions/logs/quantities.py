@@ -38,7 +38,7 @@ class Quantity(NamedTuple):
 
     @property
     def ends(self) -> tuple[str, str]:
-        """Lower and upper end of the interval as texts, rounded to the last digit of the value."""
+        """Lower and upper end of the interval as strings, rounded to the last digit of the value."""
         return f"{rounded(self.low, self.half):g}", f"{rounded(self.high, self.half):g}"
 
     def excludes(self, value: float) -> bool:

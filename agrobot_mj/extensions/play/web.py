@@ -111,7 +111,8 @@ class NetworkViewer(PlayViewer):
 def launch(
     port: int, network: bool, viewer_plugins: Sequence[Any], sim_plugins: Sequence[Any], pad: Gamepad
 ) -> tuple[Any, PlayViewer]:
-    """Start the viewer in a thread. Return the handle of the thread and the viewer. `pad` receives gamepad messages.
+    """Start the viewer in a thread. Return two values: the handle of the thread, and the viewer. `pad` receives gamepad
+    messages.
 
     Raise `ScenarioError` if the port is in use or the viewer does not start.
     """

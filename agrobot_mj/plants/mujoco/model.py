@@ -47,7 +47,8 @@ STICKING = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 QUICK = (0.004, 1.0)
 """Time constant [s] and damping ratio [-] of the brake friction, chosen so that friction acts within one step."""
 FACTORS = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0)
-"""Factors on typical inertias, tried in this order to propose inertias for an impossible chassis [-]."""
+"""Factors on typical inertias, tried in this order to propose inertias for a chassis whose inertias are physically
+impossible [-]."""
 
 
 def tractor_spec(machine: Machine) -> mujoco.MjSpec:

@@ -124,7 +124,7 @@ class SweepPlan:
         return (self.run(number) for number in range(first, self.total, step))
 
     def some(self, most: int) -> Iterator[Scenario]:
-        """Yield up to `most` valid scenarios with different parameter values, at equal intervals of the plan."""
+        """Yield up to `most` valid scenarios with different parameter values, evenly spaced over the plan."""
         step = self._stride * max(1, -(-self.checks // most))
         for run in self.runs(step=step):
             with suppress(ScenarioError):

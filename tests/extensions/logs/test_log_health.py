@@ -64,7 +64,7 @@ def test_scatter_of_the_steering_centre_is_not_reported_as_a_movement():
 
 
 @pytest.mark.parametrize(("error", "expected"), [(0.5, True), (4.0, False), (standard_error([432.0]), False)])
-def test_centres_within_three_standard_errors_have_not_moved(error, expected):
+def test_change_of_centre_below_three_standard_errors_is_not_reported(error, expected):
     line = RoughSteering(centre=432.0, scale=np.radians(SCALE), age=0.0, explained=1.0)
     assert moved([SteeringCentre(432.0, error), SteeringCentre(452.0, error)], line) == expected
 

@@ -92,7 +92,7 @@ def test_recordings_of_several_logs_are_split_at_a_fraction_of_their_time():
     assert [each.end - each.start for each in second] == pytest.approx([30.0], abs=0.1)
 
 
-def test_log_at_standstill_is_reported():
+def test_log_recorded_at_standstill_is_reported():
     _, columns, log_map = shunt()
     with pytest.raises(
         FieldLogError,

@@ -65,7 +65,7 @@ def test_failure_margin_does_not_anticipate_an_early_end_of_the_run():
         assert close[-1] == pytest.approx(largest[int(0.95 * (ticks - 1))] / 0.02 - 1)
 
 
-def test_failure_margin_of_a_combined_condition_is_minimum_or_maximum(log):
+def test_margin_of_a_combined_condition_is_minimum_or_maximum_of_parts(log):
     a, b = (Closeness(f"{name} > {c}")(log) for name, c in (("xte_abs_max", 0.02), ("lateral_rms", 0.5)))
     assert Closeness("xte_abs_max > 0.02 or lateral_rms > 0.5")(log) == pytest.approx(np.maximum(a, b))
     assert Closeness("xte_abs_max > 0.02 and lateral_rms > 0.5")(log) == pytest.approx(np.minimum(a, b))

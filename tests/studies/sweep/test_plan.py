@@ -194,7 +194,7 @@ def test_sweep_with_duplicate_runs_is_rejected(plan, text, message):
     assert message in str(caught.value)
 
 
-def test_sweep_of_a_billion_runs_is_rejected_with_its_number_of_runs(plan):
+def test_rejection_of_a_sweep_of_a_billion_runs_states_their_number(plan):
     axis = "{ from = 1.0, to = 2.0, count = 1000 }"
     keys = ("path.speed_m_s", "tractor.mass_kg", "terrain.grade_deg")
     text = 'base = "side_slope"\n[axes]\n' + "\n".join(f'"{key}" = {axis}' for key in keys)

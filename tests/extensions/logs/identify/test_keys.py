@@ -20,7 +20,7 @@ def log_with_hidden_stiffness(duration=60.0):
 
 
 @NEEDS_SYSID
-def test_fitted_keys_agree_with_the_true_values_and_the_output_of_identify():
+def test_fitted_parameters_agree_with_true_values_and_with_identify():
     log = log_with_hidden_stiffness()
     found = fit_keys([log], None, BICYCLE, list(HIDDEN))
     own = identify_vehicle([log], None, BICYCLE, ("front", "rear", "offset", "delay", "backlash"), share=0.9).found
