@@ -112,8 +112,7 @@ def skipping(count: int, across: int) -> Iterator[int]:
     """Yield `count` pass numbers in an order with steps of at least `across`; `count` is at least 2 `across` + 1.
 
     Within a block of 2 `across` + 1 passes, each step goes forward by `across` or back by `across` + 1. The last
-    passes,
-    which do not fill a block, alternate between two halves.
+    passes, which do not fill a block, alternate between their first and second half.
     """
     block, first = 2 * across + 1, 0
     while first < count:
