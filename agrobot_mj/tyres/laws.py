@@ -28,6 +28,7 @@ from agrobot_mj.tyres.patch import (
     add_wrench,
     find_patch,
     footing_of,
+    is_plane,
     lowered,
     moved_aside,
     raised,
@@ -242,8 +243,10 @@ def wheel_step(
     The wrench (force and torque) acts at the wheel centre. If `whole` is false, only the load in `report` is updated.
     """
     patch, firm = find_patch(ground, tyres.radius[i], wheel), tyres.carcass[i, 0]
-    # a leaning wheel deflects its carcass along the axle, also by the axial component of the load
-    spring, lean = firm * float(tyres.springs[i, 1]), dot(wheel.axle, patch.n) if tyres.load_follows else 0.0
+    # The axial component of the load deflects the carcass of a leaning wheel. On uneven ground, the normal at a single
+    # point does not represent the patch, whose forces would oscillate between the flanks of a furrow.
+    leans = tyres.load_follows and is_plane(ground)
+    spring, lean = firm * float(tyres.springs[i, 1]), dot(wheel.axle, patch.n) if leans else 0.0
     patch = raised(patch, -lean * bristle[1])
     slipped = min(abs(bristle[0]) / max(tyres.relaxation[i, 0], SHORTEST), 1.0)
     soil = carry(tyres, i, ground, patch, wheel.centre, slipped)

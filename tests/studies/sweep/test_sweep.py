@@ -109,7 +109,7 @@ def test_two_merged_shards_give_the_same_table_as_one_sweep(serial, file, tmp_pa
         assert status == 0
     if apart:
         status, out, err = call("--merge", folders[0], "--out", tmp_path / "all")
-        assert (status, out.split(",")[0]) == (1, "8 of 16 runs")
+        assert (status, out.split(";")[0]) == (1, "8 of 16 runs")
         assert "8 of 16 runs are missing" in err
     status, out, err = call("--merge", *dict.fromkeys(folders), "--out", tmp_path / "all")
     assert (status, err) == (0, "")
