@@ -28,13 +28,13 @@ from agrobot_mj.tyres.patch import (
     add_wrench,
     find_patch,
     footing_of,
-    is_plane,
     lowered,
     moved_aside,
     raised,
     relax,
     rolling_torque,
     soft_sign,
+    touches_plane,
 )
 
 TRAIL_SLIP = 0.1  # Lateral slip at which the pneumatic trail has decreased to 37 % [-]. Assumed value.
@@ -245,7 +245,7 @@ def wheel_step(
     patch, firm = find_patch(ground, tyres.radius[i], wheel), tyres.carcass[i, 0]
     # The axial component of the load deflects the carcass of a leaning wheel. On uneven ground, the normal at a single
     # point does not represent the patch, whose forces would oscillate between the flanks of a furrow.
-    leans = tyres.load_follows and is_plane(ground)
+    leans = tyres.load_follows and touches_plane(ground)
     spring, lean = firm * float(tyres.springs[i, 1]), dot(wheel.axle, patch.n) if leans else 0.0
     patch = raised(patch, -lean * bristle[1])
     slipped = min(abs(bristle[0]) / max(tyres.relaxation[i, 0], SHORTEST), 1.0)

@@ -94,15 +94,15 @@ def down_in_wheel_plane(n: Vector, axle: Vector) -> Vector:
 
 
 @kernel
-def is_plane(ground: Ground) -> bool:
-    """Return whether the ground consists of one plane."""
+def touches_plane(ground: Ground) -> bool:
+    """Return whether wheels touch the ground as a plane: it is a plane, or a single cell, which may be twisted."""
     return ground.heights.size <= 4 or ground.planar
 
 
 @kernel
 def contact_plane(ground: Ground, radius: float, centre: Vector, axle: Vector) -> tuple[Vector, float]:
     """Return the ground normal at the contact point of a wheel, and the penetration along the normal [m]."""
-    if not is_plane(ground):
+    if not touches_plane(ground):
         return envelope(ground, radius, centre, axle)
     _, dx, dy = height_and_gradient(ground, centre[0], centre[1])
     n = unit((-dx, -dy, 1.0))
