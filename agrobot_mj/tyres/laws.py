@@ -26,15 +26,14 @@ from agrobot_mj.tyres.patch import (
     TyreSet,
     WheelMotion,
     add_wrench,
+    displaced,
     find_patch,
     footing_of,
     lowered,
     moved_aside,
-    raised,
     relax,
     rolling_torque,
     soft_sign,
-    touches_plane,
 )
 
 TRAIL_SLIP = 0.1  # Lateral slip at which the pneumatic trail has decreased to 37 % [-]. Assumed value.
@@ -238,18 +237,18 @@ def wheel_step(
     report: Array,
     whole: bool = True,
 ) -> None:
-    """Advance wheel `i` by one physics step of `dt` [s]; update its `bristle` (3,), `wrench` (6,) and `report` (6,).
+    """Advance wheel `i` by one physics step of `dt` [s]; update its `bristle` (4,), `wrench` (6,) and `report` (6,).
 
     The wrench (force and torque) acts at the wheel centre. If `whole` is false, only the load in `report` is updated.
     """
-    patch, firm = find_patch(ground, tyres.radius[i], wheel), tyres.carcass[i, 0]
-    # The axial component of the load deflects the carcass of a leaning wheel. On uneven ground, the normal at a single
-    # point does not represent the patch, whose forces would oscillate between the flanks of a furrow.
-    leans = tyres.load_follows and touches_plane(ground)
-    spring, lean = firm * float(tyres.springs[i, 1]), dot(wheel.axle, patch.n) if leans else 0.0
-    patch = raised(patch, -lean * bristle[1])
+    firm = float(tyres.carcass[i, 0])
+    spring = firm * float(tyres.springs[i, 1])
+    # the lateral deflection of the carcass displaces the contact; the axial component of the load deflects the carcass
+    ring = displaced(wheel, bristle[3])
+    patch = find_patch(ground, tyres.radius[i], ring)
+    lean = dot(wheel.axle, patch.n) if tyres.load_follows else 0.0
     slipped = min(abs(bristle[0]) / max(tyres.relaxation[i, 0], SHORTEST), 1.0)
-    soil = carry(tyres, i, ground, patch, wheel.centre, slipped)
+    soil = carry(tyres, i, ground, patch, ring.centre, slipped)
     load = soil.load + tyres.damping[i] * patch.rate
     # the ground cannot pull: a wheel that rebounds faster than its damper allows has left the ground
     if soil.load <= 0.0 or load <= 0.0:
@@ -260,7 +259,7 @@ def wheel_step(
     rim = patch.spin * r_e
     # a wheel spinning at standstill also renews its bristles, from one side: hence half the rim speed
     v_roll = max(abs(patch.v_x), 0.5 * abs(rim))
-    footing = footing_of(tyres, i, ground, wheel.centre[0] + patch.arm[0], wheel.centre[1] + patch.arm[1])
+    footing = footing_of(tyres, i, ground, ring.centre[0] + patch.arm[0], ring.centre[1] + patch.arm[1])
     law = tyres.front if i < 2 else tyres.rear
     way, A, L = soft_sign(patch.v_x, CREEP_SPEED), soil.area, soil.length
     K = slip_stiffness(law, load, deflection, footing, A, L)
@@ -286,7 +285,8 @@ def wheel_step(
     f_y = force.y + soil.edge
     held = lowered(patch, loaded / (tyres.radius[i] - patch.penetration))
     if tyres.load_follows:
-        held = moved_aside(held, force.y / spring + axial)
+        bristle[3] = axial - adhering(softened, force, K) * z_y
+        held = moved_aside(held, wheel.axle, bristle[3])
     add_wrench(
         wrench,
         held,

@@ -135,17 +135,16 @@ def lowered(patch: ContactPatch, share: float) -> ContactPatch:
 
 
 @kernel
-def moved_aside(patch: ContactPatch, by: float) -> ContactPatch:
-    """Return the patch displaced to the left of the wheel by `by` [m]."""
-    p, arm = patch, plus(patch.arm, scaled(by, patch.l))
+def moved_aside(patch: ContactPatch, axle: Vector, by: float) -> ContactPatch:
+    """Return the patch displaced along the axle to the left by `by` [m]."""
+    p, arm = patch, plus(patch.arm, scaled(by, axle))
     return ContactPatch(p.penetration, p.rate, p.n, p.f, p.l, arm, p.v_x, p.v_y, p.spin, p.turn)
 
 
 @kernel
-def raised(patch: ContactPatch, by: float) -> ContactPatch:
-    """Return the patch with a penetration that is smaller by `by` [m]."""
-    p = patch
-    return ContactPatch(p.penetration - by, p.rate, p.n, p.f, p.l, p.arm, p.v_x, p.v_y, p.spin, p.turn)
+def displaced(wheel: WheelMotion, by: float) -> WheelMotion:
+    """Return the wheel displaced along its axle to the left by `by` [m]."""
+    return WheelMotion(plus(wheel.centre, scaled(by, wheel.axle)), wheel.axle, wheel.velocity, wheel.rotation)
 
 
 @kernel

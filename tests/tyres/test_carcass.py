@@ -24,7 +24,7 @@ def forces(tyre, v_x, v_y, rim, steps, load=2300.0, share=1.0):
     motion = WheelMotion(
         (0.0, 0.0, RADIUS - sunk), (0.0, 1.0, 0.0), (v_x, v_y, 0.0), (0.0, rim / (RADIUS - sunk / 3), 0.0)
     )
-    bristle, wrench, report, out = np.zeros(3), np.zeros(6), np.zeros(6), []
+    bristle, wrench, report, out = np.zeros(4), np.zeros(6), np.zeros(6), []
     for _ in range(steps):
         wheel_step(tyres, REAR, GROUND, motion, DT, bristle, wrench, report)
         out.append((report[FORCE_X], report[FORCE_Y]))

@@ -27,7 +27,7 @@ def steady(tyre, on, slip_x=0.0, slip_y=0.0, x=0.0, grip=1.0, share=1.0):
     """Return the steady report of a rear wheel, for slips as ratio (positive when driving) and tangent."""
     tyres = tyre_set(tyre, TractorParameters())
     tyres.grip[:], tyres.carcass[:, 0] = grip, share
-    bristle, wrench, report = np.zeros(3), np.zeros(6), np.zeros(6)
+    bristle, wrench, report = np.zeros(4), np.zeros(6), np.zeros(6)
     centre, velocity = (x, 0.0, RADIUS - SUNK), (SPEED, SPEED * slip_y, 0.0)
     rotation = (0.0, SPEED * (1 + slip_x) / (RADIUS - SUNK / 3), 0.0)
     motion = WheelMotion(centre, (0.0, 1.0, 0.0), velocity, rotation)
@@ -122,7 +122,7 @@ def test_friction_on_a_slope_is_evaluated_at_the_contact_point():
     forces = []
     for west in (x - 0.02, x + 10.0):
         wet = slope._replace(surface=Surface(west, y - 0.02, 0.04, np.array([[0.5]]), np.array([[0.0]])))
-        bristle, wrench, report = np.zeros(3), np.zeros(6), np.zeros(6)
+        bristle, wrench, report = np.zeros(4), np.zeros(6), np.zeros(6)
         for _ in range(1000):
             wheel_step(tyres, REAR, wet, motion, 0.002, bristle, wrench, report)
         forces.append(report[FORCE_Y] / report[LOAD])

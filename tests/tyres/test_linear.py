@@ -24,7 +24,7 @@ def steady(wheel, side_slip=0.0, slip_ratio=0.0, speed=1.0, tyre=Linear()):
     spin = speed * (1 + slip_ratio) / (radius - 0.01 / 3)
     velocity, rotation = (speed, side_slip * speed, 0.0), (0.0, spin, 0.0)
     motion = WheelMotion((0.0, 0.0, radius - 0.01), (0.0, 1.0, 0.0), velocity, rotation)
-    bristle, wrench, report = np.zeros(3), np.zeros(6), np.zeros(6)
+    bristle, wrench, report = np.zeros(4), np.zeros(6), np.zeros(6)
     for _ in range(5):
         wheel_step(tyres, wheel, FLAT, motion, 100.0, bristle, wrench, report)
     return report[FORCE_X], report[FORCE_Y]

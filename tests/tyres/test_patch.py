@@ -51,7 +51,7 @@ class Wheel:
     def __init__(self, tyre=None, ground=FLAT, i=REAR, **changes):
         self.tyres = tyre_set(tyre or Linear(), TractorParameters())._replace(**changes)
         self.ground, self.i = ground, i
-        self.bristle, self.wrench, self.report = np.zeros(3), np.zeros(6), np.zeros(6)
+        self.bristle, self.wrench, self.report = np.zeros(4), np.zeros(6), np.zeros(6)
 
     def step(self, centre, axle, velocity, rotation, steps=1, dt=DT):
         for _ in range(steps):

@@ -22,7 +22,7 @@ def torques(tyre, v, turn, steps=2000, v_y=0.0):
     tyres, sunk = tyre_set(tyre, TRACTOR), LOAD / STIFFNESS
     spin = v / (RADIUS - sunk / 3)
     motion = WheelMotion((0.0, 0.0, RADIUS - sunk), (0.0, 1.0, 0.0), (v, v_y, 0.0), (0.0, spin, turn))
-    bristle, wrench, report = np.zeros(3), np.zeros(6), np.zeros(6)
+    bristle, wrench, report = np.zeros(4), np.zeros(6), np.zeros(6)
     for _ in range(steps):
         wheel_step(tyres, REAR, GROUND, motion, DT, bristle, wrench, report)
     return wrench[3:], report[FORCE_Y]

@@ -50,7 +50,7 @@ class Wheel:
         self.tyres.grip[:] = grip
         self.sunk = LOAD[i] / self.tyres.stiffness[i]
         self.radius, self.r_e = self.tyres.radius[i], self.tyres.radius[i] - self.sunk / 3
-        self.bristle, self.wrench, self.report = np.zeros(3), np.zeros(6), np.zeros(6)
+        self.bristle, self.wrench, self.report = np.zeros(4), np.zeros(6), np.zeros(6)
 
     def step(self, v_x, v_y, rim, steps=1):
         """Return the report after a number of steps at hub velocities forward and left and at a rim velocity [m/s]."""

@@ -158,7 +158,7 @@ def attached(
         uneven_step=step,
         wheels=np.array([model.body(f"wheel_{name}").id for name in names], dtype=np.int64),
         tyres=implement_tyres(axle, tyre, tractor),
-        bristles=np.zeros((len(names), 3)),
+        bristles=np.zeros((len(names), 4)),
         wheel_report=np.zeros((len(names), 6)),
         memory=np.zeros(MEMORIES),
         report=np.zeros(4),

@@ -83,7 +83,7 @@ class MujocoPlant(RunningPlant):
         self.ground = ground = with_soil_memory(ground, tyres.bearing)
         self.data = mujoco.MjData(self.model)
         self.views = views_of(self.model, self.data)
-        self.tyred = Tyred(native is not None, tyres, ground, np.zeros((4, 3)), np.zeros((4, 6)))
+        self.tyred = Tyred(native is not None, tyres, ground, np.zeros((4, 4)), np.zeros((4, 6)))
         self.has_implement = hitched is not None
         self.contacts = None if native is None else NativeContacts(self.model, self.data, ground, tyres, native)
         self.vertical = tyres.stiffness.copy()

@@ -120,7 +120,8 @@ class Tyred(NamedTuple):
     native: bool  # Whether MuJoCo contact carries the wheels
     tyres: TyreSet
     ground: Ground
-    bristles: Array  # Bristle deflections of the tyres, shape (4, 3): longitudinal and lateral [m], twist [rad]
+    bristles: Array
+    """Deflections of the tyres, shape (4, 4): bristle longitudinal and lateral [m], twist [rad], carcass lateral [m]."""
     report: Array  # Report of the tyres, shape (4, 6); see `tyres.patch`
 
 

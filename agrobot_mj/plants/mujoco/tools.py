@@ -46,7 +46,7 @@ class Attached(NamedTuple):
     uneven_step: float  # Distance along the path between the entries of `uneven` [m]
     wheels: Index  # Body ids of the implement's wheels, shape (0,) or (2,)
     tyres: TyreSet  # Tyres of the implement's wheels, in the order of `wheels`
-    bristles: Array  # Bristles of the tyres, shape (2, 3); see `stepping.Tyred`
+    bristles: Array  # Deflections of the tyres, shape (2, 4); see `stepping.Tyred`
     wheel_report: Array  # Report of the implement's tyres, shape (2, 6); see `tyres.patch`
     memory: Array  # State of the tool, shape (5,): see `AHEAD`
     report: Array  # Report of the implement, shape (4,): see `DRAUGHT`

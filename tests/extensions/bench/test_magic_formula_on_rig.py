@@ -173,7 +173,7 @@ def test_dragged_wheel_without_rotation_slides_at_its_friction_limit(direction_d
     penetration = 1440.0 / tyres.stiffness[0]
     way = radians(direction_deg)
     velocity = (0.05 * np.cos(way), 0.05 * np.sin(way), 0.0)
-    bristle, wrench, report, used = np.zeros(3), np.zeros(6), np.zeros(6), []
+    bristle, wrench, report, used = np.zeros(4), np.zeros(6), np.zeros(6), []
     for _ in range(5000):
         centre = (0.0, 0.0, tyres.radius[0] - penetration)
         still = (0.0, 0.0, 0.0)

@@ -27,7 +27,7 @@ class Turning:
 
     def __init__(self, tyre):
         self.tyres = tyre_set(tyre, TRACTOR)
-        self.bristle, self.wrench, self.report = np.zeros(3), np.zeros(6), np.zeros(6)
+        self.bristle, self.wrench, self.report = np.zeros(4), np.zeros(6), np.zeros(6)
 
     def moments(self, turns, v=0.0):
         """Return the moment about the vertical after each step, for turn rates `turns` [rad/s] and speed `v` [m/s]."""

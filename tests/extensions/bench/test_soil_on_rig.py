@@ -119,7 +119,7 @@ def test_motion_resistance_opposes_motion_in_both_directions():
     tyres, ground = tyre_set(Soil(), TRACTOR), Flat().ground()
     pushes = []
     for v in (1.0, -1.0):
-        bristle, wrench, report = np.zeros(3), np.zeros(6), np.zeros(6)
+        bristle, wrench, report = np.zeros(4), np.zeros(6), np.zeros(6)
         motion = WheelMotion((0, 0, 0.27), (0.0, 1.0, 0.0), (v, 0.0, 0.0), (0.0, v / (0.28 - 0.01 / 3), 0.0))
         for _ in range(10):
             wheel_step(tyres, 0, ground, motion, 1.0, bristle, wrench, report)
@@ -170,7 +170,7 @@ def test_dragged_wheel_without_rotation_slides_at_its_friction_limit():
     tyres, ground = tyre_set(Soil(), TRACTOR), Flat().ground()
     centre = (0.0, 0.0, 0.28 - TRACTOR.front_wheel.deflection)
     dragged = WheelMotion(centre, (0.0, 1.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.0))
-    bristle, wrench, report, forces = np.zeros(3), np.zeros(6), np.zeros(6), []
+    bristle, wrench, report, forces = np.zeros(4), np.zeros(6), np.zeros(6), []
     for _ in range(5000):
         wheel_step(tyres, 0, ground, dragged, 0.002, bristle, wrench, report)
         forces.append(report[FORCE_Y])

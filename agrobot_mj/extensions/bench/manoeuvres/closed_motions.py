@@ -81,7 +81,7 @@ def value(wave: Array, phase: float) -> float:
 def drive(tyres: TyreSet, ground: Ground, cycle: Cycle, steps: int, periods: int) -> tuple[float, float]:
     """Return the work of the ground on a wheel, and the integral of the absolute power, over the last period [J]."""
     i, dt = cycle.wheel, cycle.period / steps
-    bristle, wrench, report, before = np.zeros(3), np.zeros(6), np.zeros(6), np.zeros(6)
+    bristle, wrench, report, before = np.zeros(4), np.zeros(6), np.zeros(6), np.zeros(6)
     work, moved = 0.0, 0.0
     for k in range(steps * periods):
         phase = 2 * pi * (k + 0.5) / steps

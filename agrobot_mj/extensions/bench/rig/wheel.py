@@ -75,7 +75,7 @@ def drive_wheel(tyres: TyreSet, i: int, ground: Ground, setting: Setting, dt: fl
     velocity = (setting.speed, setting.speed * np.tan(setting.slip_angle), 0.0)
     rotation = (0.0, (1.0 + setting.slip_ratio) * setting.speed / r_e, 0.0)
     motion = WheelMotion(centre, axle, velocity, rotation)
-    bristle, wrench, report = np.zeros(3), np.zeros(6), np.zeros(6)
+    bristle, wrench, report = np.zeros(4), np.zeros(6), np.zeros(6)
     for k in range(out.shape[0]):
         wheel_step(tyres, i, ground, motion, dt, bristle, wrench, report)
         out[k, 0], out[k, 1], out[k, 2] = report[FORCE_X], report[FORCE_Y], wrench[5]
