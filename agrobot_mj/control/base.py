@@ -56,7 +56,8 @@ class Route(Protocol):
         ...
 
     def leg(self, t: float) -> tuple[float, float]:
-        """Return the start and end arc lengths [m] of the leg on which the reference is at time `t` [s]."""
+        """Return the start and end arc lengths [m] of the leg (path between two reversals) that the reference travels
+        at time `t` [s]."""
         ...
 
     def passed(self, t: float) -> float:
@@ -139,7 +140,7 @@ class GuidanceLaw(Learner):
         return True
 
     def linked(self, state: Any, machine: TractorParameters) -> Linked | None:
-        """Return the function and data for ticks in compiled code, or None if the next tick needs Python."""
+        """Return the compiled tick function, its parameters and its state, or None if the next tick needs Python."""
         return None
 
     def resumed(self, state: Any, found: Held[Any], followed: Any, shown: Vector) -> Any:
@@ -248,11 +249,12 @@ class YawController(Reporting):
         return True
 
     def linked(self, state: Any) -> Linked | None:
-        """Return the function and data for ticks in compiled code, or None if the next tick needs Python."""
+        """Return the compiled tick function, its parameters and its state, or None if the next tick needs Python."""
         return None
 
     def resumed(self, state: Any, found: Held[Any], shown: Vector) -> Any:
-        """Return the state after ticks in compiled code: `found` is their last state, `shown` their last log values."""
+        """Return the state after ticks in compiled code. At their end, the state is `found` and the log values are
+        `shown`."""
         return found
 
     def relieve(self, state: Any, excess: float) -> Any:

@@ -125,7 +125,8 @@ def lookback(limits: CommandLimits, place: PathPoint, direction: float, seen: Si
 
 @shared
 def _behind(s: float, lag: float, leg: tuple[float, float]) -> float:
-    """Return the arc length `s` - `lag` [m], limited to the current leg; the first leg has no lower limit."""
+    """Return the arc length `s` - `lag` [m], limited to the current leg (path between two reversals). The first leg has
+    no lower limit."""
     return min(max(s - lag, leg[0] if leg[0] > 0.0 else s - 1e9), leg[1])
 
 
@@ -262,7 +263,7 @@ def _turning_speed(limits: CommandLimits, turning: float) -> float:
 
 @shared
 def offset_of(deviation: PathDeviation, ahead: float, direction: float, pose: tuple[float, float, float]) -> float:
-    """Return the lateral offset [m] of a point of the tractor from the position of this point on an error-free tractor.
+    """Return the lateral offset [m] of a tractor point from its position on a tractor without path errors.
 
     The point is `ahead` [m] in front of the CG at `pose` (x, y [m], yaw [rad]). Left of `direction` [rad] is positive.
     """

@@ -117,7 +117,7 @@ class Following(GuidanceLaw):
         return not is_compiled(self, "update", "steering", "rolling", "report", "columns")
 
     def linked(self, state: "FollowingState", machine: TractorParameters) -> Linked | None:
-        """Return the function and data for ticks in compiled code, or None before the first tick of the law."""
+        """Return the compiled tick function, its parameters and its state, or None before the first tick of the law."""
         if state.reported is None:
             return None
         return Linked(self.compiled, state.law, state.memory, cast(Any, Followed)(*state[1:9]))

@@ -214,7 +214,7 @@ class Lqr(Integrating):
         return _steering(self._limits, memory, deviation, e.speed, e.aligned, situation.steer, dt)
 
     def begun(self, memory: LqrState, machine: TractorParameters) -> LqrState:
-        """Return the initial state `memory`, completed with the gains for a tractor."""
+        """Return the initial state `memory` with the table of feedback gains for a tractor."""
         return memory._replace(table=_table(self, machine))
 
     def parameters(self, limits: CommandLimits, machine: TractorParameters) -> LqrLaw:

@@ -237,7 +237,8 @@ def checks(
 def over(check: tuple[float, float, float], time: float, dt: float) -> float:
     """Return the weighted time for which a signal has exceeded its limit [s], after a tick of `dt` [s].
 
-    The result is 0 for a signal within the limit, and the unchanged `time` for a NaN signal.
+    The weight is the ratio of signal to limit. The result is 0 for a signal within the limit, and the unchanged `time`
+    for a NaN signal.
     """
     signal, limit, _ = check
     if isnan(signal):

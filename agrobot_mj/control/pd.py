@@ -88,9 +88,9 @@ class Pd(Conventional):
         return type(self) is not Pd
 
     def linked(self, state: FilteredRate) -> Linked:
-        """Return the function and data of the controller for ticks in compiled code."""
+        """Return the compiled tick function of the controller, its parameters and its state."""
         return Linked(_tick, held(self.gains), held(state))
 
     def resumed(self, state: FilteredRate, found: Held[FilteredRate], shown: Vector) -> FilteredRate:
-        """Return the state after ticks in compiled code; `found` is their last state."""
+        """Return the state after ticks in compiled code, which ended in the state `found`."""
         return fetched(found)

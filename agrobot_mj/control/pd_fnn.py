@@ -95,14 +95,14 @@ class PdNetwork(Conventional):
         return type(self) not in (PdT2fnn, PdT1fnn)
 
     def linked(self, state: NeuroState) -> Linked | None:
-        """Return the function and data for ticks in compiled code, or None before the first tick."""
+        """Return the compiled tick function, its parameters and its state, or None before the first tick."""
         if state.network is None:
             return None
         law = NetworkLaw(self.gains, self.anti_windup, address_of(tick, tick))
         return Linked(_tick, held(law), held(NetworkNumbers(state.slope, state.network, state.saturated)))
 
     def resumed(self, state: NeuroState, found: Held[NetworkNumbers], shown: Vector) -> NeuroState:
-        """Return the state after ticks in compiled code; `found` is their last state."""
+        """Return the state after ticks in compiled code, which ended in the state `found`."""
         now = fetched(found)
         return NeuroState(now.slope, now.network, shown, now.saturated)
 

@@ -87,9 +87,9 @@ class PdIsgn(Conventional):
         return type(self) is not PdIsgn
 
     def linked(self, state: IntegralState) -> Linked:
-        """Return the function and data of the controller for ticks in compiled code."""
+        """Return the compiled tick function of the controller, its parameters and its state."""
         return Linked(_tick, held(self._law), held(state))
 
     def resumed(self, state: IntegralState, found: Held[IntegralState], shown: Vector) -> IntegralState:
-        """Return the state after ticks in compiled code; `found` is their last state."""
+        """Return the state after ticks in compiled code, which ended in the state `found`."""
         return fetched(found)

@@ -98,9 +98,9 @@ class Pi(YawController):
         return type(self) is not Pi
 
     def linked(self, state: PiState) -> Linked:
-        """Return the function and data of the controller for ticks in compiled code."""
+        """Return the compiled tick function of the controller, its parameters and its state."""
         return Linked(_tick, held(PiGains(self.kp, self.ki)), held(state))
 
     def resumed(self, state: PiState, found: Held[PiState], shown: Vector) -> PiState:
-        """Return the state after ticks in compiled code; `found` is their last state."""
+        """Return the state after ticks in compiled code, which ended in the state `found`."""
         return fetched(found)

@@ -36,7 +36,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 
 EPOCH_S = 0.5  # Minimum time between two checked fixes [s]. Assumed value.
 MEMORY_S, RENEWAL_S = 30.0, 5.0
-"""Lifetime of a reference and interval between the starts of references [s]. Assumed values."""
+"""Lifetime of a dead-reckoning reference, and interval between the starts of references [s]. Assumed values."""
 HISTORY_TICKS = 101  # Number of ticks for which sums are stored: fixes arrive up to 5 s late
 START_M = 1.5
 """Minimum distance between two fixes for the initial heading [m]. Assumed value for a heading error of 3 deg."""
@@ -44,8 +44,8 @@ POSITION_SIGMA, TILT_SIGMA, UNKNOWN_TILT_SIGMA = 0.03, 0.02, 0.06
 """Standard deviations [m] of a fix, and of the antenna position due to tilt with and without an inertial unit. Assumed
 values: above the receiver noise of 2 cm; tilt errors of 0.6 and 2 deg at a height of 2 m."""
 LOOSE_SIGMA, LOOSE_FIXES = 0.35, 40.0
-"""Standard deviation of a fix that is not RTK-fixed [m], and number of consecutive fixes with equal error [-]. Assumed
-values for a float solution, whose error is correlated for 20 s."""
+"""Standard deviation of a fix that is not RTK-fixed [m], and number of consecutive fixes that share one error [-].
+Assumed values for a float solution, whose error is correlated for 20 s."""
 HEADING_SIGMA = radians(0.35)  # Standard deviation of a two-antenna heading [rad]. Assumed value.
 START_SIGMAS = (0.04, 0.04, radians(3.0), radians(0.3), 0.05, radians(2.0), radians(0.25))
 """Initial standard deviations of the states, in the units of `References.means`. Assumed values for position and
@@ -65,7 +65,7 @@ Covariances = np.ndarray[tuple[int, int, int], np.dtype[np.float64]]
 
 
 class References(NamedTuple):
-    """States of all references of the dead reckoning at the last checked fix; fixes update only the first reference."""
+    """States of all dead-reckoning references at the last checked fix. Fixes correct only the first reference."""
 
     means: Matrix
     """Means of x, y [m], theta [rad], gyro bias [rad/s], wheel-scale, sideslip and compliance errors, shape (n, 7)."""
@@ -85,12 +85,11 @@ class References(NamedTuple):
 def compared(
     r: Held[References], last: Held[Sums], at: Held[Sums], fix: Fix, quality: int, m: Sensed, swing: float
 ) -> tuple[Held[References], float, float]:
-    """Return the references after a fix, and the distance of the fix from the least consistent reference [m].
+    """Return the dead-reckoning references after a fix, and the distance of the fix from the least consistent reference
+    [m].
 
-    The last result is the standard deviation of this distance [m].
-
-    `last` and `at` are the dead-reckoning sums at the last checked fix and at this fix. `swing` is the position error
-    of the antenna due to the hitch angle [m].
+    The last result is the standard deviation of this distance [m]. `last` and `at` are the dead-reckoning sums at the
+    last checked fix and at this fix. `swing` is the position error of the antenna due to the hitch angle [m].
     """
     sums, before = fetched(at), fetched(last)
     tilt_error = (TILT_SIGMA if isfinite(m.roll + m.pitch) else UNKNOWN_TILT_SIGMA) + ROCKING_FACTOR * sums.rocking
@@ -105,7 +104,7 @@ def compared(
 def _followed(
     r: References, last: Sums, at: Sums, fix: Fix, heading: float, variance: float, sharing: float
 ) -> tuple[References, float, float]:
-    """Return the references after a fix, and the results `distance` and `sigma` of `compared` [m].
+    """Return the dead-reckoning references after a fix, and the results `distance` and `sigma` of `compared` [m].
 
     `variance` [m2] is the variance of the fix position; `sharing` is the number of consecutive fixes with equal error.
     `heading` is the measured heading minus the integrated yaw rate [rad], or NaN if not measured.
@@ -135,7 +134,8 @@ def _followed(
 
 @jit
 def _predict(mean: Vector, P: Matrix, last: Sums, at: Sums) -> None:
-    """Predict the mean and covariance of a reference in place, from the dead-reckoning sums `last` to the sums `at`."""
+    """Predict the mean and covariance of one dead-reckoning reference in place, from the sums `last` to the sums
+    `at`."""
     dt, dq, dh, turned_s = at.t - last.t, at.path - last.path, at.bent - last.bent, at.gyro_s - last.gyro_s
     theta, b, k, kappa, c = mean[2], mean[3], mean[4], mean[5], mean[6]
     ahead = turn(1j * (theta + kappa - 0.5 * b * turned_s))
@@ -172,7 +172,7 @@ def _correct(mean: Vector, P: Matrix, state: int, innovation: float, variance: f
 
 @jit
 def _renewed(r: References, t: float) -> References:
-    """Return the first reference and all others younger than MEMORY_S [s].
+    """Return the first dead-reckoning reference and all others younger than MEMORY_S [s].
 
     If the newest reference is older than RENEWAL_S, a copy of the first reference is added.
     """
@@ -199,9 +199,10 @@ class Reckoning(NamedTuple):
     checked: Held[Sums] | None = None  # Dead-reckoning sums at the last checked fix, or None before the first fix
     begun_at: complex = 0j  # Position of the first fix [m], east + j north
     references: Held[References] | None = None
-    """References for checking fixes, or None until the frame angle theta is known."""
+    """Dead-reckoning references for checking fixes, or None until the frame angle theta is known."""
     distance: float = nan
-    """Distance of the last checked fix from the least consistent reference [m], or NaN before the first checked fix."""
+    """Distance of the last checked fix from the least consistent dead-reckoning reference [m], or NaN before the first
+    checked fix."""
     sigma: float = nan  # Standard deviation of `distance` [m], or NaN before the first checked fix
     checked_t: float = nan  # Time of `checked` [s], or NaN before the heading is known
 

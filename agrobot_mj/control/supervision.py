@@ -97,7 +97,7 @@ def supervised(
 def linked(
     supervisor: Supervisor, state: SupervisorState, machine: TractorParameters, towed: TowedImplement, gyro: bool
 ) -> Linked | None:
-    """Return function and data for ticks in compiled code, or None if the next tick of the supervisor needs Python.
+    """Return the compiled tick function, its parameters and its state, or None if the next tick needs Python.
 
     Compiled ticks require the mode TRACKING and, if the tractor has a `gyro`, dead reckoning with a known heading.
     """

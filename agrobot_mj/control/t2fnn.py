@@ -49,13 +49,13 @@ class T2Fnn(Spec):
     spread_2: Positive = 0.5
     """Maximum initial distance of set centres from the first value of x2 [unit of x2]. Assumed value (range 0.1-1)."""
     width_lower_1: Positive = 0.6
-    """Initial width of the lower sets of input x1 [unit of x1]. Assumed value, above the spread."""
+    """Initial width of the lower sets of input x1 [unit of x1]. Assumed value, above `spread_1`."""
     width_upper_1: Positive = 0.9
-    """Initial width of the upper sets of input x1 [unit of x1]. Assumed value, above the lower width."""
+    """Initial width of the upper sets of input x1 [unit of x1]. Assumed value, above `width_lower_1`."""
     width_lower_2: Positive = 0.6
-    """Initial width of the lower sets of input x2 [unit of x2]. Assumed value, above the spread."""
+    """Initial width of the lower sets of input x2 [unit of x2]. Assumed value, above `spread_2`."""
     width_upper_2: Positive = 0.9
-    """Initial width of the upper sets of input x2 [unit of x2]. Assumed value, above the lower width."""
+    """Initial width of the upper sets of input x2 [unit of x2]. Assumed value, above `width_lower_2`."""
     d_min: Positive = 0.001
     """Minimum width of a fuzzy set [unit of the input]. Assumed value, at which a set is almost a single point."""
     d_max: Positive = 100.0

@@ -216,7 +216,8 @@ def move_centres(s: T2FnnState, last: tuple[float, float], x1: float, x2: float,
 
 @jit
 def apply_rates(s: T2FnnState, x1: float, x2: float, rates: Rates, dt: float, learning: Learning) -> T2FnnState:
-    """Return the network after `dt` [s] at the given rates of widths, consequents f and weight q, within the guards."""
+    """Return the network after `dt` [s] at the given rates of widths, consequents f and weight q, limited by guards 3
+    and 4."""
     d1_lower, d1_upper, d2_lower, d2_upper = s.d1_lower, s.d1_upper, s.d2_lower, s.d2_upper
     if learning.adapt_widths:
         change, upper_change = dt * rates.d1_lower, dt * rates.d1_upper

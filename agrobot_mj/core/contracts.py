@@ -57,7 +57,8 @@ def check_pair(found: Any, wanted: str, stage: str, kind: str, method: str) -> t
 
 
 def is_compiled(part: Any, *methods: str) -> bool:
-    """Return whether a stage has compiled code and no subclass overrides the `methods` that this code replaces."""
+    """Return whether a simulation stage has compiled code and no subclass overrides the `methods` that this code
+    replaces."""
     kinds = type(part).__mro__
     first = {name: next(k for k, kind in enumerate(kinds) if name in vars(kind)) for name in ("compiled", *methods)}
     return part.compiled is not None and first["compiled"] == min(first.values())

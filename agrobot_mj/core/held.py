@@ -42,8 +42,8 @@ ANY = HeldType(types.none)  # Type of a reference to a state of any type, annota
 
 @unbox(HeldType)
 def _taken(kind: Any, reference: Any, c: Any) -> Any:
-    """Convert a Python reference to a native reference. Kernels without reference counting do not increase its
-    count."""
+    """Convert a Python reference to a native reference. The reference count increases only in kernels with reference
+    counting."""
     native = cgutils.create_struct_proxy(kind)(c.context, c.builder)
     native.meminfo = _word(c.builder, reference, 2)  # after the header of a Python object
     if c.context.enable_nrt:

@@ -22,7 +22,8 @@ HELD = tuple(
 )
 """Signals whose handlers are delayed, because their handlers commonly raise exceptions."""
 PATIENCE_S = 5.0
-"""Time after which a signal interrupts a hanging block [s]. Blocks from `until_the_end` are never interrupted."""
+"""Time after which a signal interrupts a hanging block of code [s]. Blocks from `until_the_end` are never
+interrupted."""
 
 
 @contextmanager

@@ -75,7 +75,8 @@ Stamp = tuple[str, int, int, int]
 
 
 def stamp(name: str) -> Stamp | None:
-    """Return the stamp that identifies the content of a file, or None if the file does not exist."""
+    """Return the stamp (path, change times and size) that identifies the content of a file, or None if the file does
+    not exist."""
     path = library_file(name)
     try:
         status = path.stat()
@@ -85,7 +86,8 @@ def stamp(name: str) -> Stamp | None:
 
 
 def stamped(name: str, kinds: Sequence[str], most_bytes: int) -> Stamp:
-    """Return the stamp of the file `name` after the checks of `checked`. Raises ValueError if a check fails."""
+    """Check the file `name` as `checked` does, and return its stamp (path, change times and size). Raises ValueError if
+    a check fails."""
     path = checked(name, kinds, most_bytes)
     return stamp(name) or refuse(path, "the file no longer exists; create the file again")
 

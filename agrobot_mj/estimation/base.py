@@ -103,7 +103,7 @@ def estimator_form(
 
 
 class CompiledEstimator(StateEstimator):
-    """Base class of the compiled estimators, which pass a reference to the estimate to other compiled functions."""
+    """Base class of the compiled estimators, which pass the estimate by reference to other compiled functions."""
 
     def update(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Estimate]:
         """Return the new state and the estimate at the end of a tick of `dt` [s], from the measurement in this tick."""
@@ -111,16 +111,16 @@ class CompiledEstimator(StateEstimator):
         return state, fetched(estimate)
 
     def updated(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Held[Estimate]]:
-        """Return the new state and a reference to the estimate at the end of a tick of `dt` [s]."""
+        """Return the new state, and a native reference (`Held`) to the estimate at the end of a tick of `dt` [s]."""
         raise NotImplementedError
 
     def linked(self, state: Any) -> Linked | None:
-        """Return the function and data for ticks in compiled code, or None if the next tick needs Python."""
+        """Return the compiled tick function, its parameters and its state, or None if the next tick needs Python."""
         return None
 
     def resumed(self, state: Any, found: Held[Any], shown: Vector) -> Any:
-        """Return the state after ticks in compiled code: `found` is their last state, and `shown` their last log
-        values."""
+        """Return the state after ticks in compiled code. At their end, the state is `found` and the log values are
+        `shown`."""
         return found
 
 

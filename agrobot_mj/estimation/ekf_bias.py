@@ -91,7 +91,8 @@ def linearised(p: BiasEkfLaw, mean: Vector, inputs: Inputs, sigma: float) -> Lin
 def _tick(
     s: Held[PoseSettings], p: Held[BiasEkfLaw], state: Held[PoseState], m: Readings, fix: Fix, quality: int, dt: float
 ) -> tuple[Held[PoseState], Held[Estimate], Vector]:
-    """Return references to the new state and the estimate after a tick of `dt` [s], and empty log values."""
+    """Return the new state and the estimate, by reference, after a tick of `dt` [s], and an empty array of log
+    values."""
     s, p, state = fetched(s), fetched(p), fetched(state)
     now = prepared(s, state, m, fix, quality, state.pose[BIAS], dt)
     model = linearised(p, state.pose, (now.speed, m.steer, dt), now.sigma)

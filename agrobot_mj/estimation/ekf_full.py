@@ -131,8 +131,8 @@ class EkfFull(CompiledEstimator):
     """Random-walk coefficient of the rear-tyre compliance [deg s2/m/sqrt(s)]. Assumed value: the compliance doubles in
     slides."""
     turn_offset_walk_m_rt_m: Positive = 0.004
-    """Random-walk coefficient of the turn offset over the distance [m/sqrt(m)]. Assumed value for changes of 0.05 m
-    between bends in ruts and on tilled soil."""
+    """Random-walk coefficient of the turn offset (see `turn_offset_m`) over the distance [m/sqrt(m)]. Assumed value for
+    changes of 0.05 m between bends in ruts and on tilled soil."""
     turn_offset_m: float = -0.015
     """Turn offset [m]: distance of the rear axle ahead of the point without sideslip in a slow bend. Assumed value:
     -0.02 to -0.01 on firm ground, 0.1 with a towed load, 0.35 in deep ruts."""
@@ -152,8 +152,8 @@ class EkfFull(CompiledEstimator):
     initial_compliance_sigma_deg_s2_m: Positive = 0.09
     """Initial standard deviation of rear-tyre compliance [deg s2/m]. Assumed value for level or steep firm ground."""
     initial_turn_offset_sigma_m: Positive = 0.12
-    """Initial standard deviation of the turn offset [m]. Assumed value (0.05 for firm ground to 0.2 for deep ruts);
-    higher values double the error caused by missing fixes in the first bend."""
+    """Initial standard deviation of the turn offset (see `turn_offset_m`) [m]. Assumed value (0.05 for firm ground to
+    0.2 for deep ruts); higher values double the error caused by missing fixes in the first bend."""
     initial_slip_sigma_s2_m: Positive = 0.005
     """Initial standard deviation of the wheel slip on a climb [s2/m]. Assumed value for firm ground and tilled soil."""
     initial_position_sigma_m: Positive = 0.05
@@ -245,7 +245,8 @@ class EkfFull(CompiledEstimator):
         )
 
     def _fix_noises(self, antenna: float) -> tuple[FixNoise, FixNoise, FixNoise, FixNoise]:
-        """Return the rear-axle position error for each constant of `Quality`; `antenna` is the antenna height [m]."""
+        """Return the rear-axle position error for each GNSS quality (constants of `Quality`); `antenna` is the antenna
+        height [m]."""
         lean = radians(self.imu_wander_sigma_deg if self.terrain_compensation else self.lean_sigma_deg) * antenna
         fixed, floating = self.gnss_correlated_fraction, self.gnss_float_correlated_fraction
         s, s_float = self.gnss_sigma_m, self.gnss_float_sigma_m
@@ -254,7 +255,7 @@ class EkfFull(CompiledEstimator):
         return tuple(tight if quality == Quality.FIX else loose for quality in range(4))  # type: ignore[return-value]
 
     def updated(self, state: FullState, measurement: Measurement, dt: float) -> tuple[FullState, Held[Estimate]]:
-        """Return the new state and a reference to the estimate at the end of a tick of `dt` [s]."""
+        """Return the new state, and a native reference (`Held`) to the estimate at the end of a tick of `dt` [s]."""
         m, horizon, ticks, fix = measurement, state.horizon, 1, measurement.fix or NO_FIX
         if measurement.fix is not None:
             horizon, ticks, fix = horizon.at(m.t, fix, dt)
@@ -268,14 +269,15 @@ class EkfFull(CompiledEstimator):
         return not is_compiled(self, "updated", "report", "columns")
 
     def linked(self, state: FullState) -> Linked | None:
-        """Return the function and data for ticks in compiled code, or None while stored measurements await a fix."""
+        """Return the compiled tick function, its parameters and its state, or None while stored measurements await a
+        fix."""
         if len(state.horizon.waiting):
             return None
         return Linked(self.compiled, state.settings, state.horizon.held, state.nothing)
 
     def resumed(self, state: FullState, found: Held[FullNumbers], shown: Vector) -> FullState:
-        """Return the state after ticks in compiled code: `found` is their last state, and `shown` their last log
-        values."""
+        """Return the state after ticks in compiled code. At their end, the state is `found` and the log values are
+        `shown`."""
         return state._replace(horizon=Horizon(found).after(found, 1)._replace(history=((),)), logged=shown)
 
     def report(self, state: FullState) -> tuple[float, ...]:

@@ -150,6 +150,6 @@ def turned(mean: Vector, covariance: Matrix, angle: float, sigma: float) -> tupl
 
 @shared
 def accepted(r: Rejections, t: float) -> Rejections:
-    """Return the counts `r` updated for a fix whose position has been accepted at time `t` [s]."""
+    """Return the rejection counts `r` after a fix whose position has been accepted at time `t` [s]."""
     since = r.accepted_t if r.probation > 1 else t
     return Rejections(since, max(r.probation - 1, 0), 0, r.velocity, r.positions, r.velocities, r.restarts)

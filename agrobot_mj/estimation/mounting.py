@@ -17,7 +17,8 @@ from agrobot_mj.estimation.full_model import BETA, MOUNT, PSI, N, SideLoad, V, m
 CRAB = radians(3.0)
 """Maximum steady unmodelled sideslip [rad]. Assumed value for implement draught, or a slope of 20 deg without IMU."""
 TURN_OFFSET = 0.5
-"""Maximum turn offset [m]; its product with the curvature is added to `CRAB`. Assumed value; deep ruts cause 0.35 m."""
+"""Maximum turn offset: distance of the rear axle ahead of the point without sideslip [m]. The offset times the
+curvature is added to `CRAB`. Assumed value; deep ruts cause 0.35 m."""
 WINDOW_S = 5.0
 """Averaging time of the sum of sideslip and mounting error [s]. Assumed value; noise and bumps then cause 0.3 deg."""
 LATE_S = 1.5  # Averaging time that suppresses the oscillation of the antenna on rough ground [s]. Assumed value.
@@ -36,7 +37,7 @@ MOVING = 0.5  # Minimum speed for a valid course [m/s]. Assumed value: fifteen t
 
 @jit
 def with_crab(core: Core, fix: Fix, side: SideLoad, dt: float) -> Crab:
-    """Return the mean unmodelled sideslip after a fix of the rear axle, `dt` [s] after the previous fix."""
+    """Return the averaged unmodelled sideslip after a fix at the rear axle, `dt` [s] after the previous fix."""
     v = core.mean[V]
     if core.mean.size == N or core.search.active or abs(v) < MOVING or not isfinite(fix.heading):
         return core.crab

@@ -258,15 +258,15 @@ class PoseEstimator(CompiledEstimator):
         return self.backend == "compiled" and is_compiled(self, "updated", "pose_filter", "steer_bias")
 
     def linked(self, state: EstimatorState) -> Linked:
-        """Return the function and data for ticks in compiled code."""
+        """Return the compiled tick function, its parameters and its state."""
         return Linked(self.compiled, state.settings, state.numbers, state.law)
 
     def resumed(self, state: EstimatorState, found: Held[PoseState], shown: Vector) -> EstimatorState:
-        """Return the state of the estimator after ticks in compiled code; `found` is their last state."""
+        """Return the state of the estimator after ticks in compiled code, which ended in the state `found`."""
         return state._replace(numbers=found)
 
     def updated(self, state: EstimatorState, measurement: Measurement, dt: float) -> tuple[Any, Held[Estimate]]:
-        """Return the new state and a reference to the estimate at the end of a tick of `dt` [s]."""
+        """Return the new state, and a native reference (`Held`) to the estimate at the end of a tick of `dt` [s]."""
         settings, law, numbers, filters = state
         m, fix, quality = Readings.of(measurement), measurement.fix or NO_FIX, measurement.quality
         if filters is None:

@@ -101,7 +101,7 @@ class GnssDgps(Scripted):
     """Correlation time of the position drift [s]. Assumed value (range 1-10)."""
 
     def init(self, generator: Generator) -> GaussMarkov:
-        """Return a position drift of zero, so that the drift starts at the fixed solution."""
+        """Return an initial position drift of zero, so that the position starts at the fixed solution."""
         return GaussMarkov(generator, (0.0, 0.0))
 
     def apply(self, state: GaussMarkov, conditions: Conditions, t: float, dt: float) -> tuple[GaussMarkov, Conditions]:

@@ -41,7 +41,7 @@ class LineFault(Scripted):
         return found
 
     def distorted(self, conditions: Conditions, **changes: Any) -> Conditions:
-        """Return the conditions with `changes` to the fields of the distortion of the affected line."""
+        """Return `conditions` with `changes` to the fields of the `Distortion` of the affected line."""
         changed: dict[str, Any] = {self.line: self.distortion(conditions)._replace(**changes)}
         return conditions._replace(**changed)
 

@@ -150,7 +150,7 @@ class DriveLaw(NamedTuple):
 
 
 class DriveMemory(NamedTuple):
-    """Position of the pedal and speed of the drive between two physics steps; the arrays are modified in place."""
+    """Position of the pedal and speed of the drive between two physics steps, in arrays that `drive_step` modifies."""
 
     pedal: Array  # Pedal position in [-1, 1], shape (1,) [-]
     speed: Array  # Rim speed that corresponds to the oil flow [m/s], shape (1,)

@@ -144,7 +144,7 @@ class ValveLaw(NamedTuple):
 
 
 class ValveMemory(NamedTuple):
-    """Delayed voltages of the valve between two physics steps; the arrays are modified in place."""
+    """Delayed voltages and spool state of the valve between two physics steps, in arrays that `valve_step` modifies."""
 
     spool: Array  # Voltage after the spool lag [V], shape (1,)
     queue: Array  # Ring buffer of the input voltages during the delay [V], shape (delay steps + 1,)

@@ -49,7 +49,8 @@ class Attribution(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the root mean squares of the estimator and guidance contributions and of the steering error."""
+        """Return the root mean squares of the estimator and guidance contributions to the cross-track error, and of the
+        steering error."""
         parts = parts_of(view)
         return {
             "xte_estimator_rms": rms(parts.estimator),

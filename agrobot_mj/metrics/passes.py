@@ -123,6 +123,6 @@ def _interpolated(along: Array, errors: Array, low: float, high: float) -> tuple
 
 
 def _difference(right: Passed, left: Passed) -> Array:
-    """Return the excess width [m] of the swath between neighbouring passes, at their common stations."""
+    """Return the actual minus the planned distance between neighbouring passes [m], at their common stations."""
     _, a, b = np.intersect1d(right.stations, left.stations, assume_unique=True, return_indices=True)
     return left.errors[b] - right.errors[a]

@@ -103,22 +103,23 @@ def _quadrature(start: Pose, curvature: float, half: float, sharpness: float) ->
 
 @shared
 def progress(t: float, ramp: float) -> tuple[float, float]:
-    """Return the distance [s] and speed [-] at time `t` [s], both divided by the speed after a ramp of `ramp` [s]."""
+    """Return the distance [s] and the speed [-] at time `t` [s], both divided by the full speed that is reached after
+    `ramp` [s]."""
     if t >= ramp:
         return t - ramp / 2, 1.0
     return (t * t / (2 * ramp), t / ramp) if t > 0 else (0.0, 0.0)
 
 
 def time_at(moved: float, ramp: float) -> float:
-    """Return the time [s] at which the distance divided by the speed after a ramp of `ramp` [s] is `moved` [s]."""
+    """Return the time [s] for a distance equal to full speed times `moved` [s], for a start from rest with a speed ramp
+    of `ramp` [s]."""
     return moved + ramp / 2 if moved >= ramp / 2 else sqrt(2 * ramp * moved)
 
 
 def turns(duration: float, count: int, ramp: float, run_in: float = 0.0) -> tuple[tuple[float, float], ...]:
-    """Return the start and end times of `count` laps [s], for a start with a speed ramp of `ramp` [s].
+    """Return the start and end times of `count` laps [s], for a start from rest with a speed ramp of `ramp` [s].
 
-    `duration` is the duration of one lap, and `run_in` the duration of the approach to the first lap, both at full
-    speed [s].
+    At full speed, a lap takes `duration` and the approach to the first lap takes `run_in` [s].
     """
     times = [time_at(run_in + k * duration, ramp) for k in range(count + 1)]
     return tuple(pairwise(times))

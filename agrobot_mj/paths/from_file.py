@@ -39,8 +39,8 @@ class FromFile(Timed):
         super().check()
 
     def content(self, read: Callable[[Stamp], Content]) -> Content:
-        """Return the result of the function `read` for the stamp of the file. Raise ValueError if the file is
-        invalid."""
+        """Return the result of the function `read` for the stamp (path, change times and size) of the file. Raise
+        ValueError if the file is invalid."""
         try:
             self._stamp = self._stamp or stamped(self.file, self.suffixes, self.max_bytes)
             return read(self._stamp)

@@ -59,8 +59,7 @@ def _half_turn(away: float, radius: float, sharpness: float) -> Bend:
 
 
 def _three(angle: float, left: float, shape: str, radius: float, sharpness: float, speed: float) -> list[Piece]:
-    """Return the segments of the three bends of an omega turn with the flare `angle` [rad], or of a k turn with the
-    first angle `angle` [rad]."""
+    """Return the segments of the three bends of an omega or k turn, whose first bend turns through `angle` [rad]."""
     outer = bend(angle, radius, sharpness)
     if shape == "k":
         middle = bend(pi - 2 * angle, radius, sharpness).pieces(-left, speed, -1.0)
@@ -70,7 +69,7 @@ def _three(angle: float, left: float, shape: str, radius: float, sharpness: floa
 
 
 def _angle(away: float, shape: str, radius: float, sharpness: float) -> float:
-    """Return the flare of an omega turn or the first angle of a k turn [rad] between passes `away` metres apart."""
+    """Return the angle [rad] of the first bend of an omega or k turn between passes `away` metres apart."""
     if isinf(sharpness):
         ratio = away / (2 * radius)
         return acos((1 - ratio) / 2) if shape == "k" else acos((1 + ratio) / 2)

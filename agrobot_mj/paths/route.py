@@ -108,7 +108,8 @@ class SampledRoute:
         return self._end < s + STEP_M and self._grow(beyond=s + STEP_M)
 
     def search(self, x: float, y: float, near: float, t: float) -> tuple[int, bool]:
-        """Return the index of the sample nearest to (x, y) [m], and whether this sample is inside the search range."""
+        """Return the index of the path sample nearest to (x, y) [m], searched around the arc length `near` [m], and
+        whether the sample is between the ends of the search range."""
         low, high = self.leg(t)
         near = min(max(near, low), high)
         self._grow(beyond=near + WINDOW_M)

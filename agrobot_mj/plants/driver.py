@@ -50,13 +50,13 @@ class Driver:
         self.integral = 0.0
 
     def go(self, seconds: float, steer: Steer = 0.0) -> Trace:
-        """Simulate for `seconds` [s] and return the trace; `steer` is the setpoint [rad] or a function of the true
+        """Simulate for `seconds` [s] and return the `Trace`; `steer` is the setpoint [rad] or a function of the true
         state."""
         rule = steer if callable(steer) else lambda truth: steer
         return self._drive(seconds, lambda truth: self.steer_voltage(rule(truth)))
 
     def go_by_voltage(self, seconds: float, steer_voltage: float) -> Trace:
-        """Simulate for `seconds` [s] at a constant steering valve voltage [V] and return the trace."""
+        """Simulate for `seconds` [s] at a constant steering valve voltage [V] and return the `Trace`."""
         return self._drive(seconds, lambda truth: steer_voltage)
 
     def pressures(self, seconds: float, steer_voltage: float) -> Array:

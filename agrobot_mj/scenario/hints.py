@@ -106,7 +106,7 @@ WIDEST = 100.0  # Maximum factor by which the search for a feasible radius incre
 
 
 class Change(NamedTuple):
-    """Change of the curvature at a place along the path."""
+    """Change of the curvature at a location along the path."""
 
     begin: float  # Curvature before the change [1/m]
     end: float  # Curvature after the change [1/m]

@@ -22,7 +22,8 @@ from agrobot_mj.sensors.speed import SpeedLaw, SpeedValues, radar_speed, wheel_s
 
 
 class Laws(NamedTuple):
-    """Parameters of the compiled sensors. The fields after `present` have the same names as the fields of `Values`."""
+    """Parameters of the compiled sensors. The states of the sensors are in the fields of `Values` with the same
+    names."""
 
     steering_pot: PotentiometerLaw
     pedal_pot: PotentiometerLaw

@@ -118,7 +118,8 @@ KINDS = {name: type(getattr(Sensors(), name)) for name in Generators._fields}  #
 def _split(sensors: Sensors) -> tuple[dict[str, Any], dict[str, Sensor]]:
     """Return the sensors evaluated in the compiled call, and the sensors evaluated by their method `measure`.
 
-    A sensor whose class overrides `measure` or `seen` is in the second group, with a default sensor in the first.
+    A sensor whose class overrides `measure` or `seen` belongs to the second group. A sensor with default settings then
+    takes its place in the first group.
     """
     every = sensors.all
     compiled = {k: every[k] if _methods(type(every[k])) == _methods(kind) else kind() for k, kind in KINDS.items()}

@@ -158,7 +158,8 @@ def _shape(hint: Any, default: Any) -> str:
 
 
 STATE, SAMPLED_STATE = Numbers(Truth, but=("steer_samples", "pedal_samples", "knuckle_samples")), Numbers(Truth)
-"""Checks of the true state without and with the samples within a tick. The latter runs after invalid measurements."""
+"""Checks of the true state, without and with the samples within a tick. The second check runs only after invalid
+measurements."""
 CONDITIONS = Numbers(Conditions)
 
 
@@ -178,14 +179,17 @@ class Stage(Generic[Message]):
         passed: Callable[[Message], Message] = lambda message: message,
         method: str = "update",
     ) -> None:
-        """Wrap `method` of `part`. Error messages name `name` and `kind`. `passed` checks and converts each result."""
+        """Wrap the method `method` of the stage `part`. Error messages contain `name` and `kind`. `passed` checks and
+        converts each result."""
         self.names, self.part, self.message, self.passed, self.method = (name, kind), part, message, passed, method
         self.maker, self.numbers = f"{name} ({kind})", Numbers(message)
         self.pending: tuple[Any, Message] | BaseException | None = None
-        """Result or error for the current tick if an episode called the stage but ended before the tick, else None."""
+        """Result or error of the stage in the current tick, if an episode called the stage but ended before this tick,
+        else None."""
 
     def update(self, *arguments: Any) -> tuple[Any, Message]:
-        """Call a stage that has a state. Return the new state and the checked message."""
+        """Call a simulation stage that has a state, such as the estimator. Return the new state and the checked
+        message."""
         if self.pending is not None:
             pending, self.pending = self.pending, None
             if isinstance(pending, BaseException):
@@ -201,7 +205,7 @@ class Stage(Generic[Message]):
         return state, self.passed(message)
 
     def ask(self, *arguments: Any) -> Message:
-        """Call a stage that has no state. Return the checked message of the stage."""
+        """Call a simulation stage that has no state. Return the checked message."""
         message = check_type(self._found(arguments), self.message, *self.names, self.method)
         self.numbers.check(message, self.maker)
         return self.passed(message)
@@ -281,7 +285,8 @@ def possible(fix: Fix) -> bool:
 
 
 def check_report(maker: str, columns: Sequence[Column], report: Any) -> None:
-    """Raise `ScenarioError` unless the `report` of a stage contains one number for each of its columns."""
+    """Raise `ScenarioError` unless the `report` of a simulation stage contains one number for each of its log
+    columns."""
     try:
         numbers = array("d", () if isinstance(report, str) else report)
     except (TypeError, ValueError, OverflowError):

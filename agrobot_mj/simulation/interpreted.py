@@ -110,8 +110,9 @@ class Interpreted:
     ) -> None:
         """Prepare the C function that calls `stage`; `part` is the guidance law or the estimator of this stage.
 
-        `sizes` are the number of inputs, and the number of outputs before the columns. `read` converts the inputs to
-        the argument of the stage, and `numbers` converts the result to numbers; an error of `numbers` ends the episode.
+        `sizes` contains the number of inputs, and the number of outputs that precede the log columns. `read` converts
+        the inputs to the argument of the stage, and `numbers` converts the result to numbers; an error of `numbers`
+        ends the episode.
         """
         self.stage, self.part, self.read, self.numbers = stage, part, read, numbers
         call = WeakMethod(self._call)  # a strong reference would delay the deletion of the simulation
@@ -174,7 +175,8 @@ class InterpretedLaw(Interpreted):
         self.route, self.machine, self.towed = loop.route, loop.scenario.tractor, loop.towed
 
     def linked(self, state: Any) -> Linked:
-        """Return function and data of the law for an episode that starts with the state `state` of the law."""
+        """Return the function and data with which compiled code calls the law, starting with the law's state
+        `state`."""
         law = self.begin(state)
         return Linked(interpreted_law, law, law, UNKNOWN)
 
@@ -207,7 +209,8 @@ class InterpretedEstimator(Interpreted):
         return self.exchange.inputs[FIX:]
 
     def linked(self, state: Any) -> Linked:
-        """Return function and data of the estimator for an episode that starts with the estimator state `state`."""
+        """Return the function and data with which compiled code calls the estimator, starting with its state
+        `state`."""
         law = self.begin(state)
         return Linked(interpreted_estimator, law, law, law)
 

@@ -135,7 +135,7 @@ class Loop:
         parts: dict[str, Any] = {"guidance": self.guidance, "supervisor": self.supervisor, "estimator": s.estimator}
         parts |= {"sensors.sensors": self.suite, "steering": s.steering.loop}
         self.reporting = [(p, attrgetter(at)) for at, p in parts.items() if type(p).report is not Reporting.report]
-        """Stages that report log columns, each with a function that returns the state of the stage from `stages`."""
+        """Stages that report log columns, each with a function that selects the state of this stage from `stages`."""
         self.loops = Stage("the low-level loops", "steering.loop, speed", LowLevelLoops(s), Drive, method="drive")
 
     def _arm(self) -> tuple[float, float]:
@@ -255,7 +255,7 @@ class Loop:
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns reported by stages and plant, in addition to the signals of every log."""
+        """Log columns reported by the simulation stages and the plant, in addition to the signals of every log."""
         return (*(column for part, _ in self.reporting for column in part.columns), *self.plant.columns)
 
     def report(self) -> Sequence[float]:

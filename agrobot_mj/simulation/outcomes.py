@@ -51,7 +51,7 @@ class Watch:
 
 @shared
 def standstill_after(at: Standstill, truth: Here, distance: float, asked: float, led: bool) -> Standstill:
-    """Return the standstill after a tick; the arguments are as for `Watch.trouble`."""
+    """Return the position and durations of a standstill after a tick; the arguments are as for `Watch.trouble`."""
     x, y, tried_s, waited_s, since = at.x, at.y, at.tried_s, at.waited_s, at.distance
     if hypot(truth.x - x, truth.y - y) > STUCK_M:
         x, y, tried_s, waited_s, since = truth.x, truth.y, 0.0, 0.0, 0.0

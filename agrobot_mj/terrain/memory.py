@@ -24,7 +24,7 @@ AnyArray = np.ndarray[Any, Any]
 
 
 class SoilMemory(NamedTuple):
-    """Grid of soil cells in tiles, with the south-west corner at (x0, y0); the arrays are modified in place."""
+    """Grid of soil cells in tiles, with the south-west corner at (x0, y0). Wheels modify the arrays."""
 
     x0: float  # West edge [m]
     y0: float  # South edge [m]

@@ -64,7 +64,7 @@ def _areas(found: FieldCoverage, region: BaseGeometry) -> dict[str, float]:
 
 
 def gaps(found: FieldCoverage) -> list[dict[str, Any]]:
-    """Return the missed areas in the field body and in each side of the headland [m2], in decreasing order."""
+    """Return the missed areas inside the headland and on each side of the headland [m2], in decreasing order."""
     middle = found.field.centroid
     sums: dict[str, float] = {}
     for part, region in (("headland", found.field.difference(found.body)), ("body", found.body)):

@@ -140,7 +140,7 @@ class FieldDrive:
         return found
 
     def swaths(self) -> list[WorkedPass]:
-        """Return the planned and the actual motion of the implement on each swath of the field body."""
+        """Return the planned and the actual motion of the implement on each swath inside the headland."""
         planned = planned_motion(self.plan, self.log.scenario.tractor.cg_to_rear_axle)
         return [
             WorkedPass(planned.between(one.start, one.end), self.motion.between(*span))

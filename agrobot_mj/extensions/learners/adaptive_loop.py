@@ -176,8 +176,8 @@ class AdaptiveLoop(AngleLoop):
         return state._replace(piece=piece)
 
     def _fitted(self, state: AdaptiveState, piece: Stretch) -> AdaptiveState:
-        """Return the state after an update with one time segment by the equation rate = gain v - offset, with the mean
-        spool voltage v in the segment."""
+        """Return the state after learning the parameters of one valve side from the time segment `piece`, by the
+        equation rate = gain v - offset with the mean spool voltage v of the segment."""
         number, first = (0 if piece.side > 0 else 1), self._first()
         side, v, rate = state.sides[number], piece.volts / piece.time, piece.turned / piece.time
         noise = 2.0 * (NOISE / piece.time) ** 2

@@ -68,7 +68,8 @@ class Moved(NamedTuple):
         return found
 
     def leg(self, t: float) -> tuple[float, float]:
-        """Return the start and end [m] of the leg of the original path on which the reference is at time `t` [s]."""
+        """Return the start and end [m] of the leg (between two reversals) of the original path that the reference
+        travels at time `t` [s]."""
         return self.route.leg(t)
 
     def passed(self, t: float) -> float:

@@ -44,8 +44,8 @@ from agrobot_mj.extensions.learners.learning import ANGLE_COLUMNS, AngleLearner
 
 Q = 0.5  # Weight q of the lower firing in the output [-]
 LEAST_TRACE = 0.01
-"""Lower limit of the squared norm of the traces in the update of the consequents [-]. For N rules with equal firing,
-the squared norm is 1/N."""
+"""Lower limit of the squared norm of the rule traces (lagged rule weights) in the update of the consequents [-]. For N
+rules with equal firing, the squared norm is 1/N."""
 
 
 class PathInput(NamedTuple):
@@ -57,7 +57,7 @@ class PathInput(NamedTuple):
 
 
 class PathNetworkState(NamedTuple):
-    """Learned consequents of the network and traces of its rules."""
+    """Learned consequents of the network, and a trace (lagged weight) of each rule."""
 
     f: Array  # Consequents, shape (rules,), with curvature as the slowest and roll as the fastest index [rad]
     trace: Array  # Trace of each rule [-], which is its lagged weight w, shape (rules,)
@@ -70,8 +70,8 @@ class PathNetwork(Spec):
     """Fraction of the feedback learned per second [1/s]. Assumed value (range 0.1-0.6). Larger values cause
     oscillation."""
     trace_s: Positive = 0.4
-    """Time constant of the traces [s], equal to the delay plus the lag of the steering response. Assumed value (range
-    0.2-0.8)."""
+    """Time constant of the rule traces (lagged rule weights) [s], equal to the delay plus the lag of the steering
+    response. Assumed value (range 0.2-0.8)."""
     uncertainty: float = Field(0.3, ge=0, lt=0.5)
     """Relative difference of set width and centre distance [-]. Assumed value (range 0-0.49). At 0.5 the sets have
     gaps."""
@@ -95,7 +95,7 @@ class PathNetwork(Spec):
         return self.curvature_sets, self.speed_sets, self.roll_sets
 
     def init(self) -> PathNetworkState:
-        """Return the state of the network before learning, with zero consequents and traces."""
+        """Return the state of the network before learning, in which consequents and rule traces are zero."""
         rules = int(np.prod(self.shape))
         return PathNetworkState(np.zeros(rules), np.zeros(rules))
 
@@ -110,7 +110,7 @@ class PathNetwork(Spec):
         return w
 
     def remembered(self, state: PathNetworkState, w: Array, dt: float) -> PathNetworkState:
-        """Return the state with the traces filtered over `dt` [s] towards the rule weights `w`."""
+        """Return the state `dt` [s] later, with rule traces that follow the rule weights `w` with a first-order lag."""
         return state._replace(trace=state.trace + (w - state.trace) * dt / (self.trace_s + dt))
 
     def learnt(self, state: PathNetworkState, e: float, bound: float, dt: float) -> PathNetworkState:

@@ -158,7 +158,7 @@ def _digits(rough: RoughSteering) -> int:
 
 
 def sentences_of(h: LogHealth, m: LogMap) -> Iterator[str]:
-    """Yield sentences about the properties `h` of a log, compared with its column map `m`."""
+    """Yield sentences that describe the properties `h` of a log, including differences from its column map `m`."""
     if h.bursts:
         yield (
             f"recorded in {h.bursts.number} bursts of {h.bursts.length:.1f} s, one every {h.bursts.period:.1f} s; a "

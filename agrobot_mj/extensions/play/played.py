@@ -119,7 +119,7 @@ class Played(GuidanceLaw):
         return PlayState(given), Command(steer, given.speed, pedal=None if given.speed else 0.0)
 
     def _led(self, state: PlayState, situation: Situation, dt: float) -> tuple[PlayState, Command]:
-        """Return the new state and the command of the active guidance law at its time on the path."""
+        """Return the new state and the command of the active guidance law, at the law's own time on the path."""
         given, law, route = state.given, self.members[state.given.law - 1], situation.route
         if given.law != state.law:
             e = situation.estimate

@@ -86,7 +86,7 @@ def check_closeness(closeness: Closeness, scenario: Scenario) -> None:
 
 
 class _Ticks:
-    """Evaluator of the margin of one run at all ticks."""
+    """Evaluator of the margin of one run to failure, at all ticks."""
 
     def __init__(self, view: RunView, log: Log) -> None:
         self.view, self.planned, self.known = view, log.scenario.ticks, log.rows.columns
@@ -121,7 +121,7 @@ class _Ticks:
 
     def _side(self, term: ast.expr) -> tuple[Array, float]:
         """Return the value of one side of a comparison at each tick, shape (ticks,), and a scale for margins: the
-        magnitude of a number, or 0 for a metric."""
+        magnitude of this side if it is a number, or 0 if it is a metric."""
         name = name_of(term)
         if name is not None:
             return self._metric(name), 0.0

@@ -38,7 +38,8 @@ MOST = 20.0  # Maximum cost of a successful run [-]
 FAILED = 25.0  # Minimum cost of a failed run [-]. Without any progress, the cost is larger by `MOST`.
 POPULATION = 8
 MUTATION, CROSSOVER = (0.5, 1.0), 0.7
-"""Range of the factor on the difference of two candidates, and probability of changing a key [-] [Storn1997]."""
+"""Differential evolution [Storn1997]: range of the factor on the difference of two candidates, and probability of
+changing a key [-]."""
 MOST_RUNS = 100_000  # Maximum number of runs of a search, including the evaluation of its result
 Overrides = dict[str, Any]
 Limits = tuple[float, float]  # Minimum and maximum of a gain [unit of the gain]

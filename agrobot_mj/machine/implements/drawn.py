@@ -39,8 +39,8 @@ class Springs(NamedTuple):
     damping: float  # Vertical damping of the reference tyre [N s/m]
 
     def under(self, load: float, radius: float, stiffness: float | None, damping: float | None) -> tuple[float, float]:
-        """Return stiffness [N/m] and damping [N s/m] of a tyre, scaled with `load` [N] and `radius` [m] if not
-        given."""
+        """Return the stiffness [N/m] and damping [N s/m] of a tyre: the given value or, for None, a value scaled with
+        the `load` [N] and `radius` [m]."""
         k = self.stiffness * (load / self.load) * (self.radius / radius) if stiffness is None else stiffness
         c = self.damping * sqrt(k / self.stiffness * (load / self.load)) if damping is None else damping
         return k, c

@@ -104,7 +104,7 @@ def oil_of(machine: Machine) -> Oil:
 
 
 class Actuators(NamedTuple):
-    """Models of the steering valve, the drive and the trapped oil; the state arrays are modified in place."""
+    """Models of the steering valve, the drive and the trapped oil. The physics steps modify the state arrays."""
 
     oil: Oil
     valve: ValveLaw
@@ -115,7 +115,7 @@ class Actuators(NamedTuple):
 
 
 class Tyred(NamedTuple):
-    """Tyres of a tractor with their state; the arrays are modified in place."""
+    """Tyres of a tractor with their state. The physics steps modify the arrays."""
 
     native: bool  # Whether MuJoCo contact carries the wheels
     tyres: TyreSet
@@ -126,7 +126,7 @@ class Tyred(NamedTuple):
 
 
 class Assembly(NamedTuple):
-    """Model, data and components of a simulated tractor for the compiled loop; the arrays are modified in place."""
+    """Model, data and components of a simulated tractor for the compiled loop, which modifies the arrays."""
 
     views: Views
     tyred: Tyred

@@ -34,7 +34,7 @@ DRAUGHT, SIDE, DEPTH, WHEEL_LOAD = range(4)
 
 
 class Attached(NamedTuple):
-    """Implement data for the compiled loop; the arrays are modified in place."""
+    """Implement data for the compiled loop, which modifies the arrays."""
 
     body: int  # MuJoCo id of the implement's body, or 0 if there is no implement
     native: bool  # Whether MuJoCo contact carries the wheels

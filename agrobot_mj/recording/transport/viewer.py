@@ -76,7 +76,7 @@ def started(
 
 
 def _die_with_parent() -> None:
-    """Configure Linux to send SIGTERM to the viewer, which calls this function, when its parent process ends."""
+    """Configure Linux to send SIGTERM to the calling viewer process when its parent process ends."""
     if _LIBC is not None:
         _LIBC.prctl(PR_SET_PDEATHSIG, int(signal.SIGTERM))
 

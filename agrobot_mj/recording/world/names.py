@@ -19,8 +19,8 @@ AHEAD_M, BEHIND_M, LAST_M = 1.9, (1.3, 2.0), 3.4
 """Distances of labels from the default tractor [m]: reference label ahead, labels of true and estimated track behind,
 and reference label behind at the end of the path."""
 IN_VIEW = 0.7
-"""Drawing scale divided by the distance of the farthest body [1/m], so that labels are legible in a view of all
-bodies."""
+"""Scale of the labels divided by the distance between the first and the farthest body [1/m], for legible labels in a
+view of all bodies."""
 EVERY_TICKS = 2  # Number of ticks between recorded positions of a name
 
 
@@ -28,7 +28,8 @@ class TrackNames:
     """Recorder that sends the labels of the reference, the true track and the estimated track."""
 
     def __init__(self, rows: Rows, ground: Ground, scenario: Scenario, reference: Array) -> None:
-        """Prepare the labels. `reference` (n, 3) [m] is the drawn path, with points equally spaced in time."""
+        """Prepare the labels of the tracks. `reference` (n, 3) [m] is the drawn path, with points equally spaced in
+        time."""
         self.rows, self.ground, self.reference = rows, ground, reference[:, :2]
         self.times = np.linspace(0.0, scenario.ticks * TICK_S, len(reference))
         self.size, self.speed = scenario.tractor.size, scenario.path.speed_m_s

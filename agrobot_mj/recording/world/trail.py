@@ -19,7 +19,7 @@ ENTITY = "world/tracks/tyres"
 PIECES = (10, 20, 40, 100, 200)  # Possible numbers of ticks per segment of a mark
 MOST_PIECES = 800  # Maximum number of segments per run. Each segment is a separate mesh in the viewer.
 STEP_TICKS, ROUGH_STEP_TICKS = 5, 2
-"""Number of ticks between cross-sections of a mark, on a plane and on relief: 0.3 m and 0.12 m at 1.2 m/s."""
+"""Number of ticks between the cross-sections of a tyre mark, on a plane and on relief: 0.3 m and 0.12 m at 1.2 m/s."""
 LIFTS_M = np.array([0.004, 0.004, 0.006, 0.006])
 """Heights of the tyre marks above the ground for the four wheels [m]. Rear marks are above front marks."""
 SLIP_COLOURS = ((0.02, 0x4A3F2BFF), (0.12, rgba(ORANGE)), (0.3, 0xE02010FF))

@@ -218,7 +218,7 @@ def curves(groups: Sequence[Group], parameter: str, again: RerunCommand, drawn: 
 
 
 def _extremes(rows: Sequence[Row], share: int) -> list[Row]:
-    """Return the best and the worst row of each block of 2 * `share` rows, that is, one in `share` rows."""
+    """Return the best and the worst row of each block of 2 * `share` rows, so that one in `share` rows remains."""
     if share == 1:
         return list(rows)
     stretches = (rows[first : first + 2 * share] for first in range(0, len(rows), 2 * share))

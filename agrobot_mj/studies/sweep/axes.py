@@ -82,9 +82,9 @@ class Linspace(ValueList):
     """Equally spaced values from `start` to `stop`, including both ends."""
 
     start: Number = Field(alias="from")
-    """First value."""
+    """First value of the sequence."""
     stop: Number = Field(alias="to")
-    """Last value."""
+    """Last value of the sequence."""
     count: Annotated[int, Field(ge=1, le=MOST_VALUES)]
     """Number of values [-]."""
 
@@ -105,7 +105,7 @@ class Steps(ValueList):
     """Values with a given spacing, up to the limit `to`."""
 
     start: Number = Field(alias="from")
-    """First value."""
+    """First value of the sequence."""
     stop: Number = Field(alias="to")
     """Upper limit of the values, or lower limit if `step` is negative."""
     step: Number
@@ -167,7 +167,7 @@ class Uniform(Draw):
     """Uniform distribution between two limits."""
 
     uniform: Limits
-    """Minimum and maximum value."""
+    """Minimum and maximum value of the distribution."""
 
     def _quantiles(self, u: Array) -> Array:
         low, high = self.uniform
@@ -178,7 +178,7 @@ class LogUniform(Draw):
     """Log-uniform distribution: each decade has the same probability."""
 
     log_uniform: Annotated[Limits, AfterValidator(_positive)]
-    """Minimum and maximum value, both above 0."""
+    """Minimum and maximum value of the distribution, both above 0."""
 
     def _quantiles(self, u: Array) -> Array:
         low, high = map(log, self.log_uniform)
@@ -189,7 +189,7 @@ class Normal(Draw):
     """Normal distribution, optionally truncated to the range `within`."""
 
     normal: Annotated[Pair, AfterValidator(_spread)]
-    """Mean and standard deviation."""
+    """Mean and standard deviation of the distribution."""
     within: Limits | None = None
     """Minimum and maximum of the truncated distribution. Default: no truncation."""
 

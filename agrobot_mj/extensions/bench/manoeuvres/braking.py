@@ -33,7 +33,7 @@ from agrobot_mj.tyres import Linear
 
 GRADE_DEG = 8.0
 FACING = {"nose up": 0.0, "nose down": 180.0}
-"""Direction of steepest ascent [deg], counter-clockwise from east, by orientation of the tractor, which faces east."""
+"""Direction of steepest ascent [deg], counter-clockwise from east, by orientation of a tractor that heads east."""
 CAPACITY_N_M, STOPPING_N_M = 1000.0, 700.0
 """Maximum torque of the brake, and brake torque in the stopping test, which is half of the torque that locks the wheels
 [N m]."""

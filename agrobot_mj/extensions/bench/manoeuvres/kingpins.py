@@ -78,7 +78,8 @@ def sweep(driver: Driver, machine: Machine, middle_deg: float = 0.0) -> Turning:
 
 
 def scrubbing(front_load: float, width: float, offset: float) -> float:
-    """Return the steering torque of both parked front wheels by the manufacturers' equation [N m]."""
+    """Return the steering torque of both parked front wheels [N m], by the equation of steering manufacturers
+    [Eaton2006]."""
     return DRY_GRIP * front_load * sqrt(width**2 / 8 + offset**2)
 
 
@@ -158,8 +159,8 @@ def trailing(m: Trial, tyre: Any) -> Check:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield the check of the caster with `linear`, and all other checks with `magic_formula`. Quick mode tests only the
-    stalled steering and the torque of the lifted weight."""
+    """Yield the check of the caster with `linear`, and all other checks with `magic_formula`. Quick mode checks only
+    the steering at stall and the torque that lifts the tractor."""
     if m.quick:
         yield lifted(m)
     else:

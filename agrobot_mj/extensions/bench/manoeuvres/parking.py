@@ -17,7 +17,7 @@ from agrobot_mj.terrain import Slope
 
 GRADE_DEG = 15.0
 FACING = {"uphill": 0.0, "downhill": 180.0, "across": 90.0}
-"""Direction of steepest ascent [deg], counter-clockwise from east, by orientation of the tractor, which faces east."""
+"""Direction of steepest ascent [deg], counter-clockwise from east, by orientation of a tractor that heads east."""
 SETTLED_S, PARKED_S, BRIEFLY_S = 10.0, 600.0, 30.0
 DRIFT_MM = 1.0  # Maximum displacement in ten minutes [mm]
 

@@ -45,7 +45,7 @@ class ValveResponse(NamedTuple):
 
 
 def angles(trace: Trace) -> Array:
-    """Return the steering angles at all physics steps of a trace [rad]."""
+    """Return the steering angles at all physics steps of a simulated `Trace` [rad]."""
     return np.concatenate([truth.steer_samples for truth in trace.truths])
 
 

@@ -52,8 +52,8 @@ class Area:
         return found
 
     def faults(self, start: Pose, pieces: tuple[Piece, ...]) -> tuple[float, float]:
-        """Return two lengths for a connection [m]: excess over the permitted distance beyond the boundary, and length
-        across the field body."""
+        """Return two lengths for a connection along `pieces` [m]: maximum excess over the permitted distance beyond the
+        boundary, and length inside the headland laps."""
         if not any(piece.length > 1e-9 for piece in pieces):
             return 0.0, 0.0
         x, y, yaw = chain(start, pieces).divided().joints()

@@ -39,8 +39,8 @@ Shape = Literal["omega", "bulb", "clothoid", "k"]
 Pieces = tuple[Piece, ...]
 NEAR = 6.0  # Distance below which a turn joins the ends of two passes [turn radii]. Assumed value.
 OUTSIDE, ACROSS = 50.0, 5.0
-"""Cost of a connection as additional path length per metre outside the field, and per metre across the field body [-].
-Assumed values."""
+"""Cost of a connection between passes as additional path length per metre outside the field, and per metre across the
+area inside the headland laps [-]. Assumed values."""
 CUSP_M = 5.0  # Cost of a cusp (change of driving direction) [m], as additional path length. Assumed value.
 GENTLE = (2.0, 3.0)  # Radii of gentle bends, as multiples of the turn radius [-]
 FORWARD_TRIED = 3  # Maximum number of evaluated forward connections between two passes
@@ -49,7 +49,8 @@ ROUTES_TRIED = 8  # Maximum number of evaluated routes along laps, shortest firs
 
 
 class Join(NamedTuple):
-    """Connection between two passes, with its distance outside the field and its length across the field body."""
+    """Connection between two passes, with its maximum distance outside the field and its length inside the headland
+    laps."""
 
     pieces: Pieces
     outside: float = 0.0  # Distance beyond the boundary that exceeds the permitted distance [m]
@@ -57,12 +58,13 @@ class Join(NamedTuple):
 
     @property
     def free(self) -> bool:
-        """Whether the connection stays inside the field and does not cross the field body."""
+        """Whether the connection stays inside the field and does not cross the area inside the headland laps."""
         return self.outside <= 0.0 and self.across <= TOLERANCE_M
 
     @property
     def cost(self) -> float:
-        """Length of the connection plus penalties for leaving the field, crossing the field body, and cusps [m]."""
+        """Length of the connection plus penalties for leaving the field, for crossing the area inside the headland
+        laps, and for cusps [m]."""
         cusps = sum(a.direction != b.direction for a, b in pairwise(self.pieces))
         return length_of(self.pieces) + OUTSIDE * self.outside + ACROSS * self.across + CUSP_M * cusps
 
@@ -79,7 +81,7 @@ def join(area: Area, start: Pose, goal: Pose, shape: Shape) -> Join:
 
 
 def _tiers(area: Area, start: Pose, goal: Pose, shape: Shape) -> Iterator[Iterator[Pieces]]:
-    """Yield groups of candidate connections, the preferred group first."""
+    """Yield groups of candidate connections between two poses, the preferred group first."""
     near = hypot(goal.x - start.x, goal.y - start.y) < NEAR * area.rig.bends.radius
     if opposite := abs(wrap(goal.yaw - start.yaw - pi)) < 1e-6:
         yield _turns(start, goal, shape, area.rig.bends)
@@ -92,8 +94,8 @@ def _tiers(area: Area, start: Pose, goal: Pose, shape: Shape) -> Iterator[Iterat
 
 
 def _others(start: Pose, goal: Pose, bends: Bends, opposite: bool) -> Iterator[Pieces]:
-    """Yield forward connections, also with larger radii for wide implements, and then connections with a reverse
-    segment."""
+    """Yield forward connections between two poses, also with larger radii for wide implements, and then connections
+    with a reverse segment."""
     yield from connections(start, goal, bends)[:FORWARD_TRIED]
     for factor in GENTLE:
         yield from connections(start, goal, bends._replace(radius=factor * bends.radius))[:1]
@@ -186,7 +188,8 @@ def _places(ring: Ring, pose: Pose, step: float) -> list[Place]:
 def _route(
     area: Area, start: Pose, goal: Pose, ring: Ring, first: Place, along: float, last: Place
 ) -> Iterator[Pieces]:
-    """Yield the connection along a ring from `first` to `last`, unless the machine cannot follow this connection."""
+    """Yield the connection along a headland lap from `first` to `last`, unless the machine cannot follow this
+    connection."""
     bends = area.rig.bends
     there, back = connections(start, first[1], bends), connections(last[1], goal, bends)
     if not there or not back or along < 0.1:

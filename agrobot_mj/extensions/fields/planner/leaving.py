@@ -67,7 +67,7 @@ class Leaving:
 def leaving(area: Area, start: Pose, pieces: Sequence[Piece], passes: Sequence[PlannedPass] = ()) -> Leaving:
     """Return the distances of the tractor and implement beyond the boundary along a course.
 
-    The distances travelled in `passes` identify the points on headland laps.
+    The passes `passes` determine which points belong to headland laps.
     """
     course = chain(start, pieces).divided()
     x, y, yaw = course.joints()

@@ -124,7 +124,7 @@ class _Work:
         self.passes.append(PlannedPass("body", zero, zero + stretch * swath.length, worked))
 
     def cells(self, layout: Pattern) -> None:
-        """Append the swaths of all cells. The next cell is always the cell with the cheapest connection."""
+        """Append the swaths of all cells to the plan. The next cell is always the cell with the cheapest connection."""
         self.layout = layout
         across = int(np.ceil(half_turn_width(*self.rig.bends[:2]) / self.rig.spacing - 1e-9))
         left = list(layout.cells)

@@ -37,7 +37,7 @@ class FieldMachine:
 
     @property
     def bends(self) -> Bends:
-        """Radius, sharpness and speed of the bends in turns and connections."""
+        """Radius, sharpness and speed of the bends in turns and in connections between passes."""
         speed = self.path.turn_speed_m_s
         return Bends(self.path.turn_radius_m, self.path.sharpness(speed), speed)
 
@@ -70,7 +70,7 @@ def _boxes(x: Array, y: Array, yaw: Array, front: float, rear: float, side: floa
 
 
 def rig_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachine:
-    """Return the machine data of a scenario whose path has the kind `swaths`.
+    """Return the dimensions and turn limits of the machine in a scenario whose path has the kind `swaths`.
 
     Raise `ScenarioError` for another kind of path, or if the turn radius is too small for the machine.
     """
@@ -88,7 +88,7 @@ def rig_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachi
 
 
 def outline_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachine:
-    """Return the machine data of a scenario with any kind of path."""
+    """Return the dimensions and turn limits of the machine in a scenario with any kind of path."""
     tractor = scenario.tractor
     hitched = scenario.implement.hitched(tractor)
     hitch = tractor.cg_to_rear_axle + tractor.hitch_behind_m

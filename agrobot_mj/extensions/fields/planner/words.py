@@ -23,7 +23,7 @@ GRID = 1e-6  # Resolution to which relative poses are rounded, so that equal con
 
 
 class Bends(NamedTuple):
-    """Radius, sharpness and speed of the bends of a connection."""
+    """Radius, sharpness and speed of the bends of a connection between two poses."""
 
     radius: float  # Radius of arcs [m]
     sharpness: float = inf
@@ -73,7 +73,7 @@ def straight(length: float, speed: float = inf) -> tuple[Piece, ...]:
 
 
 def connections(start: Pose, goal: Pose, bends: Bends, words: tuple[Word, ...] = FORWARD) -> list[tuple[Piece, ...]]:
-    """Return all connections of the types `words` from `start` to `goal`, in order of increasing length."""
+    """Return all connections of the types `words` from the pose `start` to the pose `goal`, shortest first."""
     ahead, left = to_heading(start.yaw, goal.x - start.x, goal.y - start.y)
     key = tuple(round(value / GRID) * GRID for value in (ahead, left, wrap(goal.yaw - start.yaw)))
     return list(_connections(*key, bends, words))
@@ -89,7 +89,7 @@ def _connections(
 
 
 def shortest_arcs(start: Pose, goal: Pose, radius: float) -> float:
-    """Return the length of the shortest forward connection of arcs and straight segments [m]."""
+    """Return the length of the shortest forward connection between two poses by arcs and straight segments [m]."""
     ahead, left = to_heading(start.yaw, goal.x - start.x, goal.y - start.y)
     relative = Pose(ahead, left, wrap(goal.yaw - start.yaw))
     lengths = [
@@ -101,7 +101,7 @@ def shortest_arcs(start: Pose, goal: Pose, radius: float) -> float:
 
 
 def _solutions(word: Word, goal: Pose, bends: Bends) -> Iterator[tuple[Piece, ...]]:
-    """Yield the connections of type `word` from the origin to `goal`, as tuples of path segments."""
+    """Yield the connections of type `word` from the origin to the pose `goal`, as tuples of path segments."""
     for guess in _arcs(word, goal, bends.reach):
         found = guess if isinf(bends.sharpness) else _refined(word, guess, goal, bends)
         if found is None or (word.middle == 0 and found[1] < 0):
@@ -113,9 +113,10 @@ def _solutions(word: Word, goal: Pose, bends: Bends) -> Iterator[tuple[Piece, ..
 
 
 def _pieces(word: Word, values: tuple[float, float, float], bends: Bends) -> Iterator[Piece]:
-    """Yield the path segments of a connection. `values` are bend angles [rad] and the length of a straight segment [m].
+    """Yield the path segments of a connection between two poses.
 
-    A negative angle exchanges left and right of the bend.
+    `values` are bend angles [rad] and the length of a straight segment [m]. A negative angle exchanges left and right
+    of the bend.
     """
     sides = (word.first, word.middle, word.last)
     for k, (side, value) in enumerate(zip(sides, values, strict=True)):
@@ -130,7 +131,8 @@ def _pieces(word: Word, values: tuple[float, float, float], bends: Bends) -> Ite
 def _refined(
     word: Word, guess: tuple[float, float, float], goal: Pose, bends: Bends
 ) -> tuple[float, float, float] | None:
-    """Return the parameters of a connection with clothoids, computed from `guess`, or None without a solution."""
+    """Return the bend angles [rad] and straight length [m] of a connection with clothoids, found numerically from the
+    initial values `guess`, or None without a solution."""
     from scipy.optimize import fsolve  # slow import, needed only with clothoids
 
     def error(values: Array) -> tuple[float, float, float]:
@@ -171,7 +173,8 @@ def _centre(bends: Bends) -> tuple[float, float]:
 
 
 def _arcs(word: Word, goal: Pose, radius: float) -> Iterator[tuple[float, float, float]]:
-    """Yield the parameters of a connection with arcs: bend angles [rad], and length of the straight segment [m]."""
+    """Yield the bend angles [rad] and straight length [m] of connections with arcs of `radius` [m] from the origin to
+    `goal`."""
     if word.first < 0:
         word, goal = word.mirrored, Pose(goal.x, -goal.y, -goal.yaw)
     side = word.last

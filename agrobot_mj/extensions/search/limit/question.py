@@ -212,8 +212,8 @@ def _interval(tried: tuple[Tried, ...], first_bad: int) -> tuple[float, float]:
 
 
 def _coverage(tried: Sequence[Tried]) -> list[str]:
-    """Return a sentence with the evaluated values of the key, and the maximum width of an interval between them in
-    which another result would not be detected."""
+    """Return a sentence with the evaluated key values, and the maximum distance between successive values with equal
+    results, between which another result would not be detected."""
     held, failed = (", ".join(f"{t.value:g}" for t in tried if t.holds is holds) for holds in (True, False))
     seen = [*([f"Succeeded at {held}"] if held else []), *([f"failed at {failed}"] if failed else [])]
     gaps = [abs(b.value - a.value) for a, b in pairwise(tried) if a.holds == b.holds]
