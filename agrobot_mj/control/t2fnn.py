@@ -44,10 +44,11 @@ class T2Fnn(Spec):
     rules_2: int = Field(3, ge=1, le=50)
     """Number of fuzzy sets of the second input [-]. Assumed value (range 2-9)."""
     spread_1: Positive = 0.5
-    """Maximum initial distance of the set centres from the first value of x1 [unit of x1]. Assumed value (range 0.1-1):
-    the yaw-rate error of a turn in the wrong direction."""
+    """Maximum initial distance of the fuzzy-set centres from the first value of x1 [unit of x1]. Assumed value (range
+    0.1-1): the yaw-rate error of a turn in the wrong direction."""
     spread_2: Positive = 0.5
-    """Maximum initial distance of set centres from the first value of x2 [unit of x2]. Assumed value (range 0.1-1)."""
+    """Maximum initial distance of the fuzzy-set centres from the first value of x2 [unit of x2]. Assumed value (range
+    0.1-1)."""
     width_lower_1: Positive = 0.6
     """Initial width of the lower sets of input x1 [unit of x1]. Assumed value, above `spread_1`."""
     width_upper_1: Positive = 0.9
@@ -156,7 +157,7 @@ class T1Fnn(T2Fnn):
     """Type-1 fuzzy neural network, which has the learning laws of `T2Fnn` and equal lower and upper fuzzy sets."""
 
     type_1: ClassVar[bool] = True
-    """Always True, because the lower sets equal the upper sets."""
+    """Always True, because the lower fuzzy sets equal the upper fuzzy sets."""
 
 
 @lru_cache(maxsize=16)

@@ -120,7 +120,8 @@ def floored(x: float, floor: float) -> float:
 
 @jit
 def width_rates(x: float, c: Array, d: Array, alpha_sgn: float, floor: float) -> Array:
-    """Return the rates of change of the set widths `d` at the input x; `alpha_sgn` is alpha sgn(tau_c) [rad/s]."""
+    """Return the rates of change of the fuzzy-set widths `d` at the input x; `alpha_sgn` is alpha sgn(tau_c)
+    [rad/s]."""
     mu, rate = membership(x, c, d), np.zeros_like(d)
     for i in range(d.size):
         slope = -alpha_sgn * d[i] ** 2 / floored(x - c[i], floor)

@@ -35,7 +35,8 @@ class FixEkf(Filter):
     """Base class of the pose filters, whose first states are x, y and yaw of the rear axle."""
 
     model: ClassVar[Any]
-    """Compiled function that returns a `Linearised` for the parameters `law`, mean, inputs and fix noise [m]."""
+    """Compiled function that linearises the filter model. Arguments: parameters `law`, mean, inputs and fix noise
+    [m]."""
     law: Any
 
     def step(

@@ -28,15 +28,15 @@ class LineFault(Scripted):
         "valve": "voltage of the steering valve",
         "pedal_valve": "voltage of the pedal valve",
     }
-    """Description of the signal on each line, displayed in lists of faults."""
+    """Description of the signal on each signal line, displayed in lists of faults."""
 
     @property
     def line(self) -> str:
-        """Name of the field of `Conditions` that contains the distortion of the affected line."""
+        """Name of the field of `Conditions` that contains the distortion of the affected signal line."""
         return self.kind.rpartition("_")[0]
 
     def distortion(self, conditions: Conditions) -> Distortion:
-        """Return the distortion of the affected line by the faults already applied in this tick."""
+        """Return the distortion of the affected signal line by the faults already applied in this tick."""
         found: Distortion = getattr(conditions, self.line)
         return found
 
@@ -66,7 +66,7 @@ class Scaled(LineFault):
     """Signal divided by the true value [-]. Assumed value: -1 for a reversed sign, 0.5-2 for a wrong parameter."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Multiply the signal of the line by `scale`."""
+        """Multiply the signal on the affected line by `scale`."""
         return None, self.distorted(conditions, scale=self.scale * self.distortion(conditions).scale)
 
 
@@ -92,7 +92,7 @@ class Stuck(LineFault):
     """Value of the stuck signal: its `last` value or `zero`."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Freeze the signal of the line at its last value or at zero."""
+        """Freeze the signal on the affected line at its last value or at zero."""
         return None, self.distorted(conditions, stuck=self.value)
 
 
@@ -110,7 +110,7 @@ class Delayed(LineFault):
     0.05-0.3 for a filter)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Add the delay to the signal of the line."""
+        """Add the delay to the signal on the affected line."""
         return None, self.distorted(conditions, delay_s=self.distortion(conditions).delay_s + self.delay_s)
 
 
@@ -124,7 +124,7 @@ class Lost(LineFault):
     kind: Literal["heading_loss", "gyro_loss", "wheel_speed_loss", "imu_roll_loss", "imu_pitch_loss"]
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Mark the signal of the line as lost, so that the measurement is missing."""
+        """Mark the signal on the affected line as lost, so that the measurement is missing."""
         return None, self.distorted(conditions, lost=True)
 
 

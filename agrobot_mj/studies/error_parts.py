@@ -15,7 +15,7 @@ Row = Mapping[str, Any]
 
 
 def remarks(cases: Mapping[str, Sequence[Row]]) -> list[str]:
-    """Return remarks on the runs of each group: dominant estimation errors, and warnings about the estimates."""
+    """Return remarks on each group of runs: dominant estimation errors, and warnings about the estimates."""
     rows = [row for some in cases.values() for row in some]
     return [*([text] if (text := _dominance(cases, rows)) else []), *_warnings(rows)]
 

@@ -87,7 +87,8 @@ class Moved(NamedTuple):
         return place._replace(x=place.x + dx, y=place.y + dy, yaw=yaw, curvature=place.curvature + bend)
 
     def _shape(self, s: float) -> tuple[float, float, float]:
-        """Return offset [m], slope [-] and curvature [1/m] of the line relative to the path at arc length `s` [m]."""
+        """Return offset [m], slope [-] and curvature [1/m] of the shifted line relative to the path at arc length `s`
+        [m]."""
         behind, here, before = (self.map_.value(self.state, s + d, self.length) for d in (-SPREAD_M, 0.0, SPREAD_M))
         return here, (before - behind) / (2 * SPREAD_M), (before - 2 * here + behind) / SPREAD_M**2
 
@@ -167,8 +168,8 @@ class ImplementIlc(PlaceLearner):
         return self.inner.feedback(state.inner, command)
 
     def learned(self, state: ImplementIlcState) -> Learned:
-        """Return the map of the line's lateral offset for the next lap [m], and the quantities learned by the inner
-        law."""
+        """Return the map of the lateral offset of the shifted line for the next lap [m], and the quantities learned by
+        the inner law."""
         return {
             **self.inner.learned(state.inner),
             **self.map.learned(state.lap, state.length, self.bound_m, self.quantity),

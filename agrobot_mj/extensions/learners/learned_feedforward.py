@@ -73,25 +73,26 @@ class PathNetwork(Spec):
     """Time constant of the rule traces (lagged rule weights) [s], equal to the delay plus the lag of the steering
     response. Assumed value (range 0.2-0.8)."""
     uncertainty: float = Field(0.3, ge=0, lt=0.5)
-    """Relative difference of set width and centre distance [-]. Assumed value (range 0-0.49). At 0.5 the sets have
-    gaps."""
+    """Relative difference between the width of a fuzzy set and the distance of the set centres [-]. Assumed value
+    (range 0-0.49). At 0.5 the sets have gaps."""
     curvature_sets: int = Field(11, ge=1, le=51)
-    """Number of curvature sets [-]. Assumed value (range 5-21), which spaces the centres by 0.1 1/m."""
+    """Number of fuzzy sets for the curvature [-]. Assumed value (range 5-21), which spaces the centres by 0.1 1/m."""
     curvature_range_per_m: Positive = 0.5
     """Magnitude of the curvature at the centres of the outermost fuzzy sets [1/m]. Assumed value (range 0.3-0.7), for
     an arc of 2 m radius."""
     speed_sets: int = Field(2, ge=1, le=21)
-    """Number of speed sets [-], with centres from 0 upwards. Assumed value (range 1-5)."""
+    """Number of fuzzy sets for the speed [-], with centres from 0 upwards. Assumed value (range 1-5)."""
     speed_range_m_s: Positive = 3.0
-    """Speed at the highest set centre [m/s]. Assumed value (range 2-5)."""
+    """Speed at the centre of the highest fuzzy set [m/s]. Assumed value (range 2-5)."""
     roll_sets: int = Field(3, ge=1, le=21)
-    """Number of roll sets [-]. Assumed value (range 1-7). More than one set needs `sensors.imu.enabled`."""
+    """Number of fuzzy sets for the roll [-]. Assumed value (range 1-7). More than one set needs
+    `sensors.imu.enabled`."""
     roll_range_rad: Positive = 0.26
     """Magnitude of the roll at the centres of the outermost fuzzy sets [rad]. Assumed value (range 0.1-0.4)."""
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Number of sets for curvature, for speed and for roll."""
+        """Numbers of fuzzy sets for curvature, for speed and for roll."""
         return self.curvature_sets, self.speed_sets, self.roll_sets
 
     def init(self) -> PathNetworkState:
@@ -135,7 +136,8 @@ def _sets(network: PathNetwork) -> tuple[Sets, ...]:
 
 
 def _evenly(n: int, low: float, high: float, uncertainty: float) -> Sets:
-    """Return `n` sets with evenly spaced centres from `low` to `high`. A single set is centred and always active."""
+    """Return `n` fuzzy sets with evenly spaced centres from `low` to `high`. A single set is centred and always
+    active."""
     centres = np.linspace(low, high, n) if n > 1 else np.array([(low + high) / 2])
     distance = (high - low) / max(n - 1, 1)
     return Sets(centres, np.full(n, (1 - uncertainty) * distance), np.full(n, (1 + uncertainty) * distance))

@@ -153,8 +153,8 @@ def calibrate(
 
 
 def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
-    """Return `log_map` or, if it is None, the built-in map for the columns of the log. Raises `FieldLogError` if the
-    map has no wheel angle."""
+    """Return `log_map` or, if it is None, the built-in column map for the columns of the log. Raises `FieldLogError` if
+    the column map has no wheel angle."""
     m = log_map or built_in(column_names(source), source_name(source))
     if m.steer is None:
         raise FieldLogError(f"{source_name(source)}: the map has no [steer]; add it with the column of the wheel angle")

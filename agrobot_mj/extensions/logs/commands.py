@@ -1,4 +1,4 @@
-"""Command `twin` for logs of real and simulated machines, and deprecated commands for parts of its analysis."""
+"""Command `twin` for logs of real and simulated machines, and deprecated commands for single steps of its analysis."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -142,7 +142,7 @@ def _scenario(log: Path, sets: list[str] | None) -> "Scenario":
 
 
 def _former(name: str) -> Callable[..., Answer]:
-    """Return the deprecated command `name`, which runs one part of the analysis with the options of `twin`."""
+    """Return the deprecated command `name`, which runs one step of the analysis with the options of `twin`."""
 
     @wraps(twin)
     def command(*given: Any, vehicle: bool = False, **options: Any) -> Answer:

@@ -36,7 +36,7 @@ from agrobot_mj.extensions.logs.steering import (
 
 WHEELBASE_M = 2.0  # Wheelbase in the regression [m]. Assumed value, which only affects the scale.
 PART_S, MOST_PARTS = 15.0, 6
-"""Minimum driving time [s] and maximum number of log parts with separate steering centres."""
+"""Minimum driving time [s] of a log section with a separate steering centre, and maximum number of these sections."""
 TOLD = 0.5
 """Minimum fraction of the yaw-rate variance that the steering must explain for a valid centre [-]. Assumed value."""
 CHORD_S, MOST_ALIKE = 0.5, 20.0
@@ -47,7 +47,7 @@ ARM_M, ARM_ERROR_M = 0.3, 0.3
 
 
 class CentrePart(NamedTuple):
-    """Steering centre in a part of a log, from time `start` to time `end` [s]."""
+    """Steering centre in a section of a log, from time `start` to time `end` [s]."""
 
     start: float
     end: float
@@ -67,8 +67,8 @@ class LogHealth(NamedTuple):
 
     @property
     def centre(self) -> SteeringCentre:
-        """Mean steering centre of all parts of the log. The standard error follows from the scatter between the
-        parts."""
+        """Mean steering centre over the sections of the log. The standard error follows from the scatter between the
+        sections."""
         first, *others = (part.centre for part in self.parts)
         if not others:
             return first
@@ -85,8 +85,8 @@ def health(recording: FieldRecording) -> LogHealth:
 
 
 def _steering(recording: FieldRecording) -> tuple[RoughSteering | None, tuple[CentrePart, ...]]:
-    """Return the relation between sensor value and wheel angle without slip, and the steering centres in parts of the
-    log with equal numbers of samples. Without sufficient samples, return None and an empty tuple."""
+    """Return the relation between sensor value and wheel angle without slip, and the steering centres in sections of
+    the log with equal numbers of samples. Without sufficient samples, return None and an empty tuple."""
     if recording.steer is None or recording.yaw_rate is None:
         return None, ()
     found = turning([recording], WHEELBASE_M)

@@ -212,9 +212,9 @@ SIGNALS_MAP = LogMap(
     speed=SpeedColumn(column="speed_hat"),
     position=PositionColumns(east="gnss_x", north="gnss_y", quality="gnss_quality", accepted=(2,)),
 )
-"""Built-in map of the columns of `signals.parquet`: sensor measurements, estimated speed, and valve voltage."""
+"""Built-in column map for `signals.parquet`: sensor measurements, estimated speed, and valve voltage."""
 GYRO_MAP = SIGNALS_MAP.model_copy(update={"yaw_rate": YawRateColumn(column="gyro", unit="rad/s")})
-"""Built-in map of the columns of `signals.parquet` for a run with a gyro."""
+"""Built-in column map for the `signals.parquet` of a run with a gyro."""
 AGOPENGPS_MAP = LogMap(
     title="CSV in the units and signs of the AgOpenGPS family",
     time=TimeColumn(column="time_s"),
@@ -222,26 +222,27 @@ AGOPENGPS_MAP = LogMap(
     speed=SpeedColumn(column="speed_km_h", unit="km/h"),
     position=PositionColumns(latitude="latitude", longitude="longitude", quality="fix_quality"),
 )
-"""Built-in map of the CSV format in docs/extensions/logs/replay.md: right positive, km/h, quality as in GGA."""
+"""Built-in column map for the CSV format in docs/extensions/logs/replay.md: right positive, km/h, quality as in GGA."""
 BUILT_IN = (GYRO_MAP, SIGNALS_MAP, AGOPENGPS_MAP)
-"""Built-in maps, in order of preference for a log without a map."""
+"""Built-in column maps, in order of preference for a log without a column map."""
 UNKNOWN = "the columns are unknown; describe their meaning with --map map.toml"
 
 
 def read_map(path: Path) -> LogMap:
-    """Read a map from a TOML file. Raises `ScenarioError` with all errors of the file."""
+    """Read a column map from a TOML file. Raises `ScenarioError` with all errors of the file."""
     return read_spec(LogMap, read_toml(path), path.name)
 
 
 def built_in(names: Sequence[str], log: str) -> LogMap:
-    """Return the first map of `BUILT_IN` whose columns are all in `names`. Raises `ScenarioError` if no map fits."""
+    """Return the first column map of `BUILT_IN` whose columns are all in `names`. Raises `ScenarioError` if no map
+    fits."""
     if (found := known_map(names)) is None:
         raise ScenarioError(f"{log}: {UNKNOWN}")
     return found
 
 
 def known_map(names: Sequence[str]) -> LogMap | None:
-    """Return the first map of `BUILT_IN` whose columns are all in `names`, or None if no map fits."""
+    """Return the first column map of `BUILT_IN` whose columns are all in `names`, or None if no column map fits."""
     return next((each for each in BUILT_IN if set(named_columns(each)) <= set(names)), None)
 
 
@@ -255,13 +256,14 @@ SI_TABLES: tuple[tuple[str, tuple[str, ...], dict[str, Any]], ...] = (
     ("position", ("latitude", "longitude"), {"latitude": "latitude", "longitude": "longitude"}),
     ("position", ("east", "north"), {"east": "east", "north": "north"}),
 )
-"""Map tables for logs in SI units: name, required columns and keys. The first suitable entry of each name applies."""
+"""Column-map tables for logs in SI units: name, required columns and keys. The first suitable entry of each name
+applies."""
 INSTEAD = {
     "steer_demand": "the commanded angle; the residuals then include the lag of the steering",
     "curvature": 'with unit = "1/m" and wheelbase_m',
     "steering_wheel": "the angle of the steering wheel, with scale = wheel angle / steering-wheel angle",
 }
-"""Columns that a user-defined map may use instead of a measured wheel angle, with instructions for the user."""
+"""Columns that a user-defined column map may use in place of a measured wheel angle, with instructions for the user."""
 
 
 def si_tables(names: Sequence[str], changed: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:

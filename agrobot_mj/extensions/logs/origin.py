@@ -1,4 +1,5 @@
-"""Identity of a result from logs: digests of the scenario, the logs, the map, the command options and the code."""
+"""Identity of a result from logs: digests of the scenario, the logs, the column map, the command options and the
+code."""
 
 import json
 from collections.abc import Sequence

@@ -62,12 +62,13 @@ class Job:
         return health_lines(sources, log_map) if log_map.steer is not None else []
 
     def identity(self, *names: str) -> str:
-        """Return the identity of a result that depends on logs, map, scenario, time range and the options `names`."""
+        """Return the identity of a result that depends on logs, column map, scenario, time range and the options
+        `names`."""
         sources, log_map, scenario, options = self.given(*names)
         return log_identity(scenario, sources, log_map, **options)
 
     def given(self, *names: str) -> tuple[list[Source], LogMap, Scenario, dict[str, Any]]:
-        """Return logs, map, scenario, and a dictionary with start time, end time and the options `names`."""
+        """Return logs, column map, scenario, and a dictionary with start time, end time and the options `names`."""
         return *self.opened, self.scenario, {name: self.options[name] for name in ("start_s", "end_s", *names)}
 
 

@@ -191,7 +191,8 @@ def slow_and_fast(recordings: Sequence[FieldRecording]) -> tuple[float, float]:
 
 
 def split(kept: Sequence[FieldRecording], share: float) -> tuple[list[FieldRecording], list[FieldRecording]]:
-    """Split segments after the first fraction `share` of the total time. A segment across this time is divided."""
+    """Return the segments before and after the fraction `share` of their total time. A segment across this time is
+    divided."""
     left = share * sum(each.end - each.start for each in kept)
     first, second = list[FieldRecording](), list[FieldRecording]()
     for each in kept:

@@ -62,7 +62,7 @@ MOST_JUMPS = 0.2  # Fraction of positions with jumps above which all positions a
 
 
 class FieldRecording(NamedTuple):
-    """Recording of a machine in SI units, converted with a map."""
+    """Recording of a machine in SI units, converted from a log with a column map."""
 
     name: str
     start: float  # First time at which all inputs are available [s]
@@ -83,8 +83,8 @@ class FieldRecording(NamedTuple):
     signed: bool  # Whether the map declares the speed as negative in reverse
 
     def bounds(self, start: float, end: float) -> tuple[float, float]:
-        """Return the part of the interval from `start` to `end` [s] that is inside the recording. Raises
-        `FieldLogError` if this part is shorter than 1 s."""
+        """Return the interval from `start` to `end` [s], limited to the time range of the recording. Raises
+        `FieldLogError` if the result is shorter than 1 s."""
         first, last = max(start, self.start), min(end, self.end)
         if last - first < 1.0:
             raise FieldLogError(

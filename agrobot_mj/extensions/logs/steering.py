@@ -64,7 +64,7 @@ class RoughSteering(NamedTuple):
 
 
 class SteeringCentre(NamedTuple):
-    """Steering centre in a part of a log."""
+    """Steering centre in a section of a log."""
 
     value: float  # Sensor value with the wheels straight ahead [unit of the sensor]
     error: float  # Standard error of the value, from the scatter between blocks of samples [unit of the sensor]

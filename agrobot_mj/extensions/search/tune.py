@@ -90,7 +90,7 @@ def steering(log: Log) -> dict[str, float]:
 
 
 def judge(case: TuningCase, row: dict[str, Any]) -> Judgement:
-    """Return the cost and metrics of a run. `row` contains the metrics and the values of `steering`."""
+    """Return the cost and metrics of a run. `row` contains the metrics and the results of the function `steering`."""
     if row["outcome"] == ERROR:
         return Judgement(FAILED + MOST, row)
     return (_acquisition if case.measure == "acquisition" else _tracking)(row)

@@ -59,8 +59,8 @@ class Trail:
         send(stream, ENTITY, times, columns.partition(np.full(len(ends), count)))
 
     def marks(self, at: Index) -> tuple[Array, Array]:
-        """Return the left and right edges of the marks at n log rows `at`, shape (n, 4, 2, 3) [m], and their colours
-        (n, 4, 2)."""
+        """Return the left and right edges of the tyre marks at n log rows `at`, shape (n, 4, 2, 3) [m], and their
+        colours (n, 4, 2)."""
         contacts, report = self.wheels.contacts(at), self.wheels.report
         width = np.where(report("load", at) > 0, self.wheels.half_widths, 0.0)[..., None]
         edges = np.stack([contacts.patch + width * contacts.left, contacts.patch - width * contacts.left], axis=2)
@@ -70,8 +70,8 @@ class Trail:
         return flat.astype(np.float32), np.repeat(ramp(SLIP_COLOURS, slip)[..., None], 2, axis=2)
 
     def _triangles(self) -> Triangles:
-        """Return the triangles of a mark segment, shape (n, 3), for vertices ordered by cross-section, wheel and
-        edge."""
+        """Return the triangles of a segment of the tyre marks, shape (n, 3), for vertices ordered by cross-section,
+        wheel and edge."""
         sections, row = self.piece // self.step, 2 * len(WHEELS)
         left = row * np.arange(sections)[:, None] + 2 * np.arange(len(WHEELS))
         quads = left[..., None] + np.array([0, 1, row + 1, 0, row + 1, row])

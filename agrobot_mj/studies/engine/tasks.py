@@ -133,7 +133,8 @@ def _numbers(log: Log, task: Task) -> dict[str, Any]:
 
 
 def other_code(parts: Sequence[str]) -> str:
-    """Return the error message for a worker whose code differs in `parts` from the code of the command."""
+    """Return the error message for a worker whose code differs from the code of the command in the parts `parts` of the
+    identity."""
     return (
         f"different {' and '.join(parts)}: the code was edited meanwhile, or registered where workers do not find it; "
         "restart the command and the workers of a scheduler, and register kinds at the top level of a module"

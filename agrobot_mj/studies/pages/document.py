@@ -18,7 +18,7 @@ from agrobot_mj.core.version import __version__
 from agrobot_mj.simulation.results import write_text
 
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PINK, SKY_BLUE, DARK_GREY, "#000000")
-"""Colours of run groups in charts, in group order."""
+"""Colours of groups of runs in charts, in group order."""
 Chart = dict[str, Any]
 CATEGORIES: dict[str, Any] = {"type": "category", "autorange": "reversed", "automargin": True, "dtick": 1}
 """Layout of a category axis: all names are visible, the first name is on top, and the margin adapts to the names."""

@@ -34,7 +34,7 @@ class Group(NamedTuple):
 
     @property
     def rate(self) -> float:
-        """Success rate of the group: fraction of the runs that ended as expected [-]."""
+        """Success rate of the group of runs: fraction of the runs that ended as expected [-]."""
         return sum(map(succeeded, self.rows)) / len(self.rows)
 
     @property
@@ -54,12 +54,12 @@ def centimetres(rows: Iterable[Row]) -> Array:
 
 
 def ranked(groups: Iterable[Group]) -> list[Group]:
-    """Return the groups in ranking order, best group first."""
+    """Return the groups of runs in ranking order, best group first."""
     return sorted(groups, key=lambda group: (-group.rate, np.median(group.values) if len(group.values) else np.inf))
 
 
 def add_ranking(page: Document, groups: Sequence[Group], title: str, text: str, colours: Sequence[str]) -> None:
-    """Add a table of the groups, remarks, and box plots of the errors in the given colours to a page."""
+    """Add a table of the groups of runs, remarks, and box plots of the errors in the given colours to a page."""
     rule = "A run succeeds if it ends as the scenario expects. Errors refer to successful runs that completed."
     page.section(title, f"{rule} {text}" if text else rule)
     head = ("group", "runs", "success [%]", f"{CONFIDENCE:.0%} interval", *(f"{q} [cm]" for q in QUANTILES))
@@ -70,7 +70,7 @@ def add_ranking(page: Document, groups: Sequence[Group], title: str, text: str, 
 
 
 def box(group: Group, colour: str) -> Chart:
-    """Return a box plot of the errors of a group, with the same quartiles as `ranking.png`."""
+    """Return a box plot of the errors of a group of runs, with the same quartiles as `ranking.png`."""
     (found,) = boxplot_stats(group.values)
     names = {"q1": "q1", "med": "median", "q3": "q3", "whislo": "lowerfence", "whishi": "upperfence"}
     drawn = {theirs: [float(found[ours])] for ours, theirs in names.items()}

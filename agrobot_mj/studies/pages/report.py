@@ -53,7 +53,8 @@ def sweep_figures(folder: Path) -> list[Path]:
 
 
 def ranking(groups: list[Group]) -> Figure:
-    """Draw the success rates with intervals and the errors of successful runs for each group, best group on top."""
+    """Draw the success rates with intervals and the errors of successful runs for each group of runs, best group on
+    top."""
     figure = Figure((2 * PANEL_WIDTH_IN, 0.28 * len(groups) + 0.9), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     places = list(range(len(groups)))

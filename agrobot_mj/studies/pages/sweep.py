@@ -196,7 +196,7 @@ def _add_curves(page: Document, groups: Sequence[Group], numeric: Sequence[str],
 
 
 def curves(groups: Sequence[Group], parameter: str, again: RerunCommand, drawn: bool = False) -> Chart:
-    """Return a chart of the error versus one parameter, with points and a median curve for each group."""
+    """Return a chart of the error versus one parameter, with points and a median curve for each group of runs."""
     data: list[Chart] = []
     share = max(1, sum(len(g.rows) for g in groups) // MOST_RUNS_DRAWN)
     top = max((float(g.values.max()) for g in groups if len(g.values)), default=1.0)

@@ -93,7 +93,8 @@ def drive(store: Store, options: SweepOptions, begin: Begin = lambda some: None)
 
 
 def merged(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
-    """Merge the results of parts of a sweep into `folder`. Return the numbers of rows and of planned runs."""
+    """Merge the results of separately simulated parts of a sweep into `folder`. Return the numbers of rows and of
+    planned runs."""
     if not sources:
         raise ScenarioError(f"{folder}: none of the folders to merge exists; specify folders written with --shard")
     with results(folder, (TABLE,), shared=True):

@@ -98,7 +98,8 @@ class Store(RowFiles):
         write_json(self.folder / PLAN, {**about, "files": sorted(named)})
 
     def clear(self, part: Iterable[int] | None = None) -> None:
-        """Delete the results of all runs, or of the runs in `part`. Files that are not results are kept."""
+        """Delete the results of all runs, or of the runs in the given `part` of the sweep. Files that are not results
+        are kept."""
         if part is None:
             rows, places = self._row_files(), list(map(Path, _entries(self.folder / RUNS)))
         else:

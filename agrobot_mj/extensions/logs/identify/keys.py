@@ -153,7 +153,7 @@ def _optimum(toolbox: Any, problem: _Problem, x: Array) -> tuple[Array, Array]:
 
 
 def _spread(residuals: Residuals, rows: Sequence[Array], jacobian: Array) -> Array:
-    """Return the covariance of the unknowns by a jackknife over windows [MacKinnonWhite1985]."""
+    """Return the covariance of the fitted values by a jackknife over time windows [MacKinnonWhite1985]."""
     ends = np.cumsum([len(row) for row in rows])[:-1]
     parts: dict[tuple[int, int], tuple[Array, Array]] = {}
     for (_, piece, window), row, J in zip(residuals, rows, np.split(jacobian, ends), strict=True):

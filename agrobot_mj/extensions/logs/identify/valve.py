@@ -268,7 +268,8 @@ def _sizes(data: Data, chosen: list[int]) -> Array:
 
 
 def _variance(fit: Fitted, data: Data) -> float:
-    """Return the residual variance of the measurements [rad2]. The offset of each window uses one degree of freedom."""
+    """Return the residual variance of the measurements [rad2]. The offset fitted to each window uses one degree of
+    freedom."""
     return float(2 * fit.result.cost / (fit.result.fun.size - len(fit.free) - len(data.measured)))
 
 

@@ -61,11 +61,11 @@ class IdentifiedVehicle(NamedTuple):
     found: dict[str, Quantity]  # Identified quantities by key. The end of a key is the unit.
     windows: int
     explained: float
-    """Fraction of the yaw-rate variance in the test part of the log that the fit explains [-]. If only positions are
-    measured, the fraction applies to the position."""
+    """Fraction of the yaw-rate variance that the fit explains in the last part of the log, which is used for the
+    evaluation [-]. If only positions are measured, the fraction applies to the position."""
     residual_deg_s: float
-    """RMS yaw-rate residual of the fit in the test part of the log [deg/s], or RMS position residual [m] if only
-    positions are measured."""
+    """RMS yaw-rate residual of the fit in the last part of the log, which is used for the evaluation [deg/s], or RMS
+    position residual [m] if only positions are measured."""
     kinematic_deg_s: float  # RMS residual of a model without slip in the test part of the log [deg/s or m]
     moved: dict[str, tuple[float, float]]
     """Factors by which front and rear stiffness change with a typical error of an assumed quantity [-], by description
@@ -132,8 +132,8 @@ def chassis_of(scenario: Scenario) -> Chassis2:
 
 
 def _other_chassis(scenario: Scenario, chassis: Chassis2) -> Iterator[tuple[str, Chassis2]]:
-    """Yield the description of a typical error and the vehicle parameters with this error, for each quantity that the
-    scenario does not set."""
+    """Return mass, yaw inertia and axle positions of a scenario's tractor, and whether its plant assumes small
+    angles."""
     given, shift = scenario.tractor.model_fields_set, MORE_IN_FRONT * (chassis.l_f + chassis.l_r)
     if "yaw_inertia_kg_m2" not in given:
         inertia = (1 + MORE_INERTIA) * chassis.inertia
@@ -149,7 +149,7 @@ def _ratio(before: Mapping[str, float], after: Mapping[str, float], axle: str) -
 
 
 def _ages(data: VehicleData) -> list[str]:
-    """Return the names of the latencies to fit. These latencies are relative to the first measured channel."""
+    """Return the names of the fitted latencies, which are relative to the latency of the first measured channel."""
     later = [f"{name}_delay_s" for name in list(data.channels)[1:]]
     return [*later, "speed_delay_s"] if "position" in data.channels else later
 
@@ -186,8 +186,8 @@ def fitted_parameters(names: Sequence[str]) -> list[str]:
 
 
 def _checked(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
-    """Prepare segments for the fit. Raises `TooLittleError` for too few windows, and `FieldLogError` for too little
-    steering."""
+    """Prepare segments for the fit. Raises `TooLittleError` for too few time windows, and `FieldLogError` for too
+    little steering."""
     data = enough(recordings, chassis, LEAST_WINDOWS)
     if (moved := degrees(float(np.std(np.concatenate([piece.steer for piece in data.pieces]))))) < LEAST_STEER_DEG:
         raise FieldLogError(

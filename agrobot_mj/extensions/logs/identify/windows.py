@@ -87,7 +87,8 @@ class TooLittleError(FieldLogError):
 
 
 def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int) -> VehicleData:
-    """Prepare segments for a fit. Raises `TooLittleError` if these have fewer than `windows` complete windows."""
+    """Prepare segments for a fit. Raises `TooLittleError` if the segments have fewer than `windows` complete time
+    windows."""
     data = prepare(recordings, chassis)
     if data.windows < windows:
         remedy = "use a longer log, several logs or --share 0.9, or remove columns with gaps from the map"
@@ -101,7 +102,8 @@ def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int
 
 
 def prepare(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
-    """Prepare segments for a fit. A segment is omitted if it lacks a channel (`channels_of`) of another segment."""
+    """Prepare segments for a fit. A segment is omitted if it lacks a channel (`channels_of`) that another segment
+    has."""
     measured = [channels_of(recording) for recording in recordings]
     names = [name for name in ("yaw_rate", "heading", "position") if any(name in each for each in measured)]
     rates = {name: _rate([each[name] for each in measured if name in each]) for name in names}

@@ -28,7 +28,7 @@ PLACEHOLDERS = {
     "yaw_rate": {"column": "...", "unit": "deg/s"},
     "position": {"east": "...", "north": "..."},
 }
-"""Template of the map tables of a log with unknown columns; the user replaces `...` by names of columns."""
+"""Template of the column-map tables of a log with unknown columns; the user replaces `...` by names of columns."""
 
 
 class Coverage(NamedTuple):
@@ -49,7 +49,8 @@ def coverage(t: Array, values: Array) -> Coverage:
 
 
 def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
-    """Return a description of a log as plain text that is also valid Markdown. `log_map` is the user's map, or None."""
+    """Return a description of a log as plain text that is also valid Markdown. `log_map` is the user's column map, or
+    None."""
     source, m = loaded(log.source), log_map or log.log_map
     names = [name for name in column_names(source) if not m or name != m.time.column][:MOST_COLUMNS]
     tables = {} if m else log.tables or _template(source, names)
@@ -78,8 +79,8 @@ def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
 
 
 def _template(source: Source, names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return map tables with a time column, recognised by its name, and placeholders for other columns. Return {} if
-    there is no time column."""
+    """Return column-map tables with a time column, recognised by its name, and placeholders for other columns. Return
+    {} if there is no time column."""
     for name in names:
         if (match := TIME.fullmatch(name)) and _increases(source, name):
             return {"time": {"column": name, "unit": (match[2] or "s").lower()}, **PLACEHOLDERS}
@@ -96,7 +97,8 @@ def _increases(source: Source, name: str) -> bool:
 
 
 def _use(source: Source, m: LogMap) -> str:
-    """Return a text about the possible uses of a log with the map `m`, and the reason why other uses are impossible."""
+    """Return a text about the possible uses of a log with the column map `m`, and the reason why other uses are
+    impossible."""
     enough = "The log has the columns for"
     try:
         kept = pieces([read_recording(source, m, 0.0)]).kept

@@ -93,7 +93,7 @@ class Layout(NamedTuple):
     keys: tuple[str, ...]  # Position attributes that each record contains
     fixed: dict[str, int]  # Values of the position attributes that are constant, by key
     known: dict[int, tuple[str, BusSignal]]
-    """Source and signal of each known process value, by the number of the process value in the XML file."""
+    """Source and signal of each known process value, keyed by the number of the process value in the XML file."""
     values: int  # Number of process values
 
     def records(self, data: bytes) -> Iterator[Record]:

@@ -31,7 +31,7 @@ class RunFolder(LogReader):
         return (head.path / "signals.parquet").is_file()
 
     def read(self, path: Path) -> ReadLog:
-        """Return the path of the signals file, which has a built-in map."""
+        """Return the path of the signals file, which has a built-in column map."""
         return ReadLog(path / "signals.parquet")
 
 
@@ -73,7 +73,8 @@ class LinkRecord(LogReader):
 
 
 class FreeColumns(LogReader):
-    """Reader for a CSV or Parquet file with arbitrary columns: signals of a run, or a user-defined table with a map."""
+    """Reader for a CSV or Parquet file with arbitrary columns: signals of a run, or a user-defined table with a column
+    map."""
 
     kind: Literal["columns"] = "columns"
 
@@ -90,7 +91,8 @@ class FreeColumns(LogReader):
         )
 
     def read(self, path: Path) -> ReadLog:
-        """Return the path for reading columns with a map. Raises `FieldLogError` if the file has no column names."""
+        """Return the path for reading columns with a column map. Raises `FieldLogError` if the file has no column
+        names."""
         names = column_names(path)
         if not any(names) or (number := next(filter(DECIMAL.fullmatch, names), "")):
             found = f"the number {number}" if any(names) else "no names"

@@ -116,7 +116,7 @@ def _sensors(c: Calibration) -> dict[str, TwinKey]:
 
 
 def _settings(c: Calibration) -> dict[str, TwinKey]:
-    """Return the keys of centre error and scale errors of the steering sensor, relative to the original map."""
+    """Return the keys of centre error and scale errors of the steering sensor, relative to the original column map."""
     keys, told = dict[str, TwinKey](), c.steer.model_fields_set
     left, right = c.found["steer.scale"], c.found.get("steer.scale_right", c.found["steer.scale"])
     given = c.steer.scale if "scale" in told else left.value

@@ -28,7 +28,8 @@ NEGLIGIBLE = 0.05  # Fraction of the variance below which a parameter counts as 
 
 
 def importance_table(found: Sequence[Influence]) -> str:
-    """Return a Markdown table with rank, variance fraction and effect of each random parameter in each group."""
+    """Return a Markdown table with rank, variance fraction and effect of each random parameter in each group of
+    runs."""
     head, rows = importance_rows(found)
     return markdown_table(head, [(f"`{key}`", *cells) for key, *cells in rows], 1)
 
@@ -83,8 +84,8 @@ def influence_text(each: Influence, metric: str, group: str) -> str:
 
 
 def importance_figure(found: Sequence[Influence], metric: str) -> Figure:
-    """Return a figure of variance fractions with intervals, one panel per group. For Sobol indices, a second bar shows
-    the first order."""
+    """Return a figure of variance fractions with intervals, one panel per group of runs. For Sobol indices, a second
+    bar shows the first-order index."""
     keys, screening = [share.key for share in found[0].shares][::-1], found[0].unexplained is not None
     figure = Figure((2 * PANEL_WIDTH_IN, 0.22 * len(keys) + 1.0), layout="constrained")
     grid = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
@@ -146,7 +147,7 @@ def _found(folder: Path, metric: str) -> list[Influence]:
 
 
 def influence(name: str, file: dict[str, Any], draws: Array, values: Array, metric: str) -> Influence:
-    """Return the variance fractions of one group for sampled parameters `draws` (points, d) and metric `values`
+    """Return the variance fractions of one group of runs for sampled parameters `draws` (points, d) and metric `values`
     (points, seeds). Raises `ScenarioError` for a constant metric."""
     means, keys = values.mean(axis=1), list(file["draws"])
     if np.ptp(means) == 0.0:
