@@ -23,7 +23,7 @@ def row(value, seed, outcome="completed"):
     return {"seed": seed, "outcome": outcome, "v": value}
 
 
-def test_mean_over_surviving_runs_is_marked_and_not_ranked():
+def test_mean_without_failed_runs_states_their_number_and_is_not_ranked():
     whole, survivors = estimate([1.0, 1.1, 0.9]), estimate([1.0, 1.1, 0.9, nan])
     assert whole.below(2.0)
     assert whole.above(0.5)
@@ -34,7 +34,7 @@ def test_mean_over_surviving_runs_is_marked_and_not_ranked():
     assert estimate([nan, nan]).text() == estimate([nan]).short() == "failed"
 
 
-def test_error_ratio_is_a_mean_over_paired_seeds_and_counts_failures():
+def test_error_ratio_is_the_geometric_mean_over_paired_successful_seeds():
     one = [row(1.0, 1), row(4.0, 2), row(9.0, 3, "diverged"), row(9.0, 4)]
     other = [row(2.0, 2), row(2.0, 1), row(1.0, 3)]
     found = ratio(by_seed(one, lambda r: r["v"]), by_seed(other, lambda r: r["v"]))
@@ -51,7 +51,7 @@ def plan_of(sweep):
         yield {"variant": run.variant, "seed": run.seed, **shown}
 
 
-def test_no_run_used_for_the_claims_is_listed_twice():
+def test_each_run_used_for_the_claims_is_listed_once():
     cells = [(row["study"], row["plant"], row["law"], row["x"], row["seed"]) for row in world()]
     assert len(set(cells)) == len(cells) == 475
     assert {row["study"] for row in world()} == set(claims.STUDIES)
@@ -194,7 +194,7 @@ def test_law_with_fewer_failures_ranks_first_regardless_of_error():
     assert "failed (3)" in table
 
 
-def test_claim_based_on_surviving_runs_only_is_not_confirmed():
+def test_claim_with_a_failed_run_is_not_confirmed():
     rows = world(noise=lambda law, s: 0.5 if law == claims.T2 and s > 0.1 else 1.0)
     one = next(row for row in rows if row["study"] == "paper" and row["law"] == claims.T2)
     one |= {"outcome": "stopped"}

@@ -45,7 +45,7 @@ def integral_after(kappa: float, yaw_rate: float, seconds: float = 60.0) -> floa
     return float(state.controller.integral)
 
 
-def test_integral_is_limited_to_the_angle_left_by_the_feedforward() -> None:
+def test_pi_integral_is_limited_to_steering_limit_minus_feedforward() -> None:
     """On an arc that needs most of the steering angle, the integral is limited to the remaining angle."""
     kappa = 0.6
     ahead = np.arctan(MACHINE.wheelbase_m * kappa)

@@ -116,7 +116,7 @@ def test_large_learning_steps_keep_widths_ordered_and_within_limits(
 
 @pytest.mark.parametrize("d_min", [0.001, 0.55])
 @pytest.mark.parametrize("tau_c", [-1.0, 1.0])
-def test_widths_at_their_limit_and_firing_strengths_stay_constant(tau_c: float, d_min: float) -> None:
+def test_fuzzy_set_widths_at_their_limit_keep_firing_strengths_constant(tau_c: float, d_min: float) -> None:
     network = T2Fnn(d_min=d_min, d_max=2.0, alpha=0.5)
     state = start = network.init(0.0, 0.0)
     for _ in range(2000):

@@ -54,7 +54,7 @@ def test_example_study_runs_as_a_command_and_resumes(tmp_path):
     assert len(extended) == 15
 
 
-def test_example_study_imports_thirteen_names():
+def test_example_study_needs_thirteen_names_of_the_package():
     names = [
         name
         for line in re.findall(r"^ *from (?:agrobot_mj.*) import (.*)$", TEXT, re.M)

@@ -114,7 +114,7 @@ def test_references_of_a_subclass_follow_its_own_method_at():
     assert np.array_equal(references_at(Faster(), times), references_at(Sinusoid(), 2 * times))
 
 
-def test_references_of_whole_numbers_are_floating_point_numbers():
+def test_path_references_given_as_integers_are_converted_to_floats():
     class Parked(Sinusoid):
         def at(self, t):
             return Reference(5, 3, 0, 0, 0, 0, 0)
@@ -124,7 +124,7 @@ def test_references_of_whole_numbers_are_floating_point_numbers():
     assert SampledRoute(Parked()).at(1.0).x == 5.0
 
 
-def test_samples_with_missing_numbers_name_the_path_and_the_time():
+def test_error_for_a_nan_path_reference_names_path_and_time():
     class Broken(Sinusoid):
         def course(self):
             course = super().course()
@@ -135,7 +135,7 @@ def test_samples_with_missing_numbers_name_the_path_and_the_time():
 
 
 @pytest.mark.parametrize(("curvature", "distance", "sharpness"), [(inf, 1.0, 0.1), (0.1, inf, 0.1), (0.1, 1.0, inf)])
-def test_infinite_clothoid_is_an_arithmetic_error(curvature, distance, sharpness):
+def test_infinite_clothoid_parameter_raises_a_value_error(curvature, distance, sharpness):
     with pytest.raises(ValueError, match="math domain error"):
         advance(Pose(0.0, 0.0, 0.0), curvature, distance, sharpness)
 

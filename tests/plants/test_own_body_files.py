@@ -149,7 +149,7 @@ def test_invalid_body_files_are_rejected_with_the_reason(case, tmp_path):
     assert all("tractor.mjcf: " in line for line in str(error.value).split("\n"))
 
 
-def test_element_limit_counts_replicates_and_attached_models(tmp_path):
+def test_body_element_limit_includes_replicates_and_attached_models(tmp_path):
     nested = '<replicate count="70">' * 3 + '<site size="0.01"/>' + "</replicate>" * 3
     many = '<replicate count="90">' + ATTACH.format("rack") + "</replicate>"
     sites = 300 * '<site size="0.01"/>'

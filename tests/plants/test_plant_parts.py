@@ -18,7 +18,7 @@ def standing(settle_s=0.0):
     return plant
 
 
-def test_fault_conditions_act_on_tyres_loads_and_valve_until_removed():
+def test_faults_act_on_tyres_loads_and_valve_until_they_are_removed():
     plant = standing()
     stiffness, rolling = (0.9, 0.8, 0.7, 0.6), (1.1, 1.2, 1.3, 1.4)
     there = NOMINAL._replace(

@@ -104,7 +104,7 @@ def test_setting_a_yaw_controller_does_not_change_the_default_law(led, tmp_path)
     assert load_scenario(tmp_path / "field.toml").law == "kinematic with pd"
 
 
-def test_resolved_file_of_a_machine_with_a_law_runs_that_law(led):
+def test_resolved_scenario_keeps_the_guidance_law_of_the_machine(led):
     for given in ({}, {"controller.kind": "pi"}):
         s = load_scenario("bumps", {"machine": led, **given})
         again = resolve(tomllib.loads(s.to_toml()), "again")

@@ -179,7 +179,7 @@ def test_polygon_tests_of_a_grid_and_of_single_points_agree():
     assert 0.2 < grid.mean() < 0.6
 
 
-def test_cells_of_overlapping_patches_are_counted_before_filling():
+def test_too_many_cells_of_overlapping_patches_are_rejected_before_filling():
     patch = {"kind": "rectangle", "length_m": 58.0, "width_m": 58.0, "cell_m": 0.03}
     assert "cells must be filled, above the limit of 2e+08" in refused(**{"terrain.patch": [patch] * 1000})
 

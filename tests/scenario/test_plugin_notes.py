@@ -63,7 +63,7 @@ def test_report_command_without_the_plugin_names_option_and_file(folder):
     assert last == f"swept/sweep.toml: the scenario was run with plugins; add --plugin '{folder / 'own.py'}'"
 
 
-def test_command_of_a_worst_run_in_a_report_can_be_pasted(folder):
+def test_command_shown_for_the_worst_run_of_a_report_can_be_executed(folder):
     assert command(folder, "report", "swept", "--plugin", "own.py").returncode == 0
     page = (folder / "swept" / "report.html").read_text(encoding="utf-8")
     shown = re.search(r"<pre>(<span>agrobot-mj run.*?)</pre>", page, re.DOTALL)[1]

@@ -109,18 +109,18 @@ def test_law_with_side_effects_is_called_once_per_tick(law, most):
 
 
 @pytest.mark.parametrize("law", [{}, {"voltage_between": (3.02, 6.0)}, {"nan_at": 4.0}])
-def test_log_with_an_own_law_does_not_depend_on_episodes(law):
+def test_log_with_a_user_defined_law_is_equal_with_and_without_episodes(law):
     single, episodes = (simulated(Counting(calls=[], **law), most) for most in (0, 200))
     assert ended(single) == ended(episodes)
 
 
 @pytest.mark.parametrize("part", [FromTruth(), FromTruth(variance=0.0), FromTruth(wrong_after=5.0, wrong=nan)])
-def test_log_with_an_own_estimator_does_not_depend_on_episodes(part):
+def test_log_with_a_user_defined_estimator_does_not_depend_on_episodes(part):
     single, episodes = (simulated(part, most, "estimator") for most in (0, 200))
     assert ended(single) == ended(episodes)
 
 
-def test_error_is_not_normalised_by_a_covariance_of_zeros():
+def test_position_nees_is_missing_for_a_zero_covariance():
     sim = simulated(FromTruth(variance=0.0), 200, "estimator", duration_s=2.0)
     assert sim.outcome == "completed"
     assert np.isnan(sim.rows.column("position_nees")).all()
@@ -191,7 +191,7 @@ def begun(part: Any) -> Simulation:
 
 
 @pytest.mark.parametrize("most", [0, 200])
-def test_saved_run_continues_with_the_command_of_an_ended_episode(most):
+def test_command_computed_in_an_ended_episode_is_kept_when_a_run_is_saved(most):
     sim, restored = waiting(begun(Drawing())), begun(Drawing())
     copied, state = copy.deepcopy(sim), sim.save()
     restored.restore(state)
@@ -200,7 +200,7 @@ def test_saved_run_continues_with_the_command_of_an_ended_episode(most):
     assert ended(sim) == ended(copied) == ended(restored) == ended(simulated(Drawing(), 0))
 
 
-def test_restored_run_does_not_use_the_command_of_another_run():
+def test_restored_run_ignores_a_command_computed_before_the_restore():
     sim = begun(Drawing())
     state = sim.save()
     waiting(sim).restore(state)
@@ -208,7 +208,7 @@ def test_restored_run_does_not_use_the_command_of_another_run():
     assert ended(sim) == ended(simulated(Drawing(), 0))
 
 
-def test_command_before_an_external_command_is_not_used_later():
+def test_law_command_computed_before_an_external_command_is_discarded():
     law = Counting(calls=[], voltage_between=(3.02, 6.0))
     sim = waiting(begun(law))
     sim.step(steer=0.0, speed=1.0)
@@ -251,7 +251,7 @@ class Reporting(Counting):
     ],
 )
 @pytest.mark.filterwarnings("error")  # an exception in a callback is a warning
-def test_invalid_report_is_an_error_at_the_same_tick(odd, error):
+def test_invalid_report_of_a_law_raises_an_error_at_the_same_tick(odd, error):
     filled = []
     for most in (0, 200):
         raises = odd if isinstance(odd, str) and odd != "1" else ""

@@ -40,7 +40,7 @@ def test_failure_to_start_workers_is_not_attributed_to_a_run(monkeypatch):
         list(workers.spread(abs, [-1, -2], died=lambda work: 0))
 
 
-def test_error_for_shared_memory_that_cannot_be_written_names_it(monkeypatch):
+def test_error_for_unwritable_shared_memory_names_the_memory(monkeypatch):
     def refuse(*_, **__):
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
@@ -49,7 +49,7 @@ def test_error_for_shared_memory_that_cannot_be_written_names_it(monkeypatch):
         list(pool.spread(abs, [-1, -2], workers=2))
 
 
-def test_first_and_last_run_of_a_pool_start_together():
+def test_pool_starts_the_first_and_the_last_run_at_the_same_time():
     """These runs differ most, so the workers of a comparison compile different kernels at the same time."""
     order = []
 

@@ -130,7 +130,7 @@ def test_plotted_lateral_error_is_positive_left_of_the_path() -> None:
     np.testing.assert_allclose(beside, 0.1, atol=1e-3)
 
 
-def test_first_lap_is_dotted_and_later_laps_are_solid() -> None:
+def test_track_is_dotted_in_the_first_lap_and_solid_in_later_laps() -> None:
     figure = report.trajectory(runs()[:1])
     tracks = {c.get_linestyle(): c for c in figure.axes[0].lines if c.get_color() != "black"}
     log = runs()[0].log
@@ -225,7 +225,7 @@ def test_controller_column_is_in_the_table_if_any_run_has_a_controller() -> None
     assert "controller" in cells(table([law, row("mujoco", "pd", 0.5) | {"guidance": "kinematic"}]))[0]
 
 
-def test_legend_of_the_table_explains_exactly_its_columns() -> None:
+def test_comparison_table_legend_explains_exactly_the_table_columns() -> None:
     text = table([row("mujoco", "pd_isgn", None, turns=1), row("mujoco", "pd", 3e7, turns=0)])
     assert [line.partition("  ")[0] for line in legend(text)] == cells(text)[0][3:]
 

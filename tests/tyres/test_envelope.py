@@ -149,7 +149,7 @@ def test_force_direction_between_two_contacts_is_the_penetration_gradient(x):
     assert n == pytest.approx(steepest(furrow, 0.42, centre, EAST), abs=5e-4)
 
 
-def test_penetration_of_a_wheel_lying_flat_is_taken_at_its_centre():
+def test_penetration_of_a_wheel_lying_flat_is_evaluated_at_its_centre():
     ground = FURROWS["wide"].ground()
     for x, z in ((0.3, 0.2), (-0.7, -0.05)):
         n, depth = contact_plane(ground, 0.42, (x, 0.4, z), (0.0, 0.0, 1.0))

@@ -180,7 +180,7 @@ def test_peak_of_the_magic_formula_is_its_maximum(shape, curvature):
 @example(x=0.0, y=9.6e-12, grip=0.0625, a=0.0, travel=1.0)
 @example(x=-3e-13, y=0.0, grip=0.05, a=1.0, travel=1.0)
 @given(x=st.floats(-2, 2), y=st.floats(-6, 6), grip=st.floats(0.05, 2), a=st.floats(0, 1), travel=st.floats(-1, 1))
-def test_force_is_dissipative_and_within_the_ellipse_at_any_anisotropy(x, y, grip, a, travel):
+def test_tyre_force_is_dissipative_and_in_the_ellipse_for_any_anisotropy(x, y, grip, a, travel):
     for tyre in (MagicFormula(sliding_anisotropy=a), Soil(sliding_anisotropy=a)):
         _, law = tyre.coefficients(TRACTOR)
         F = law.force(Slip(x, y, LOAD[REAR], 0.0144, 1.0, Footing(grip, 1.2e6), travel))

@@ -80,7 +80,7 @@ def test_wheel_that_leans_on_a_ridge_gains_no_energy(kind, depth_m, spacing_m, g
 
 @pytest.mark.parametrize("kind", [MagicFormula, Soil, Ruts])
 @pytest.mark.parametrize("phase", np.linspace(0.0, 2 * np.pi, 9)[:-1])
-def test_wheel_that_leans_and_moves_sideways_at_rest_gains_no_energy(kind, phase):
+def test_non_rolling_wheel_that_leans_and_shifts_sideways_gains_no_energy(kind, phase):
     work, exchanged = leaning(kind, phase, Flat().ground())
     assert work <= 1e-4 * exchanged
 

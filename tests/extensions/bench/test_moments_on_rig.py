@@ -72,7 +72,7 @@ def test_only_the_aligning_moment_acts_on_a_wheel_rolling_straight(way, slip):
     assert wheel.wrench[5] * slip * way > 0
 
 
-def test_aligning_lever_equals_the_trail_at_small_slip_only():
+def test_aligning_moment_arm_equals_the_trail_only_at_small_slip():
     rig = Rig(MagicFormula(trail_m=0.04), TRACTOR)
     levers = []
     for angle in (0.01, 2.0, 6.0, 15.0, 40.0):
@@ -129,7 +129,7 @@ def test_stationary_wheel_keeps_its_torsional_deflection(tyre):
 
 
 @pytest.mark.parametrize("tyre", SCRUBBING, ids=lambda tyre: tyre.kind)
-def test_tyre_torsion_decays_while_rolling_part_of_a_patch_length(tyre):
+def test_tyre_torsion_decays_within_a_fraction_of_the_patch_length(tyre):
     wheel, v = Turning(tyre), 1.0
     twisted = wheel.moments([0.5] * 50)[-1]
     length = HALF_M * 0.16**2 / (4 * HALF_M**2 + 0.16**2)

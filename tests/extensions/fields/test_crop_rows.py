@@ -56,7 +56,7 @@ def test_exactly_followed_plan_runs_over_no_crop_rows(angle):
     assert found(0.0, angle)["run_over_m"] < 1e-3 * found(0.0, angle)["rows_m"]
 
 
-def test_offset_of_the_wheels_onto_a_row_runs_over_one_row_per_swath():
+def test_lateral_offset_of_20_cm_runs_over_one_crop_row_per_swath():
     """Wheels 0.5 m from the centre line and displaced by 0.2 m reach one of the two rows at 0.375 m."""
     rows = len(lines_of(CropRows(0.75, PLAN.angle_deg), PLAN, BODY))
     for offset in (0.2, -0.2):
@@ -64,7 +64,7 @@ def test_offset_of_the_wheels_onto_a_row_runs_over_one_row_per_swath():
 
 
 @pytest.mark.parametrize(("offset", "wide"), [(0.1, 0.1), (0.2, 0.2), (0.3, 0.24)])
-def test_crossed_rows_are_run_over_on_the_width_of_displaced_tracks(offset, wide):
+def test_crop_rows_across_the_swaths_are_run_over_by_displaced_wheels(offset, wide):
     fraction = SWATHS * 2 * wide / np.ptp(shapely.get_coordinates(BODY), axis=0).min()
     assert found(offset, 90.0)["run_over_percent"] == pytest.approx(100 * fraction, rel=0.002)
 

@@ -37,7 +37,7 @@ def arc(radius, error, reverse=False):
 
 @pytest.mark.parametrize("reverse", [(False, False, False), (False, True, False), (True, False, True)])
 @pytest.mark.parametrize("shape", [straight, arc])
-def test_error_between_neighbours_is_the_difference_of_their_offsets(shape, reverse):
+def test_pass_to_pass_error_is_the_difference_of_the_lateral_errors(shape, reverse):
     offsets = (20.0, 20.0 + SPACING, 20.0 + 2 * SPACING)
     passes = [shape(o, e, r) for o, e, r in zip(offsets, (0.05, 0.02, 0.12), reverse, strict=True)]
     for order in (passes, passes[::-1]):
@@ -48,13 +48,13 @@ def test_error_between_neighbours_is_the_difference_of_their_offsets(shape, reve
 
 
 @pytest.mark.parametrize("shape", [straight, arc])
-def test_passes_at_another_distance_are_not_neighbours(shape):
+def test_passes_farther_apart_than_the_swath_width_are_not_compared(shape):
     found = pass_to_pass([shape(20.0, 0.0), shape(20.0 + 2 * SPACING, 0.1)], SPACING)
     assert found["pass_to_pass_p95_m"] is None
     assert pass_to_pass([shape(20.0, 0.0), shape(22.5, 0.1)], 2.5)["pass_to_pass_p95_m"] == pytest.approx(0.1, abs=1e-3)
 
 
-def test_parts_beyond_the_ends_of_a_pass_are_not_compared():
+def test_pass_to_pass_error_ignores_parts_without_a_neighbouring_pass():
     long, s = straight(0.0, 0.0, angle=0.0), np.linspace(40.0, 90.0, 501)
     late = WorkedPass(*(motion(s, np.full(501, SPACING + e), np.zeros(501)) for e in (0.0, 0.07)))
     found = pass_to_pass([long, late], SPACING)
@@ -63,7 +63,7 @@ def test_parts_beyond_the_ends_of_a_pass_are_not_compared():
     assert pass_to_pass([], SPACING)["cross_track_p95_m"] is None
 
 
-def test_oblique_passes_are_not_neighbours():
+def test_oblique_passes_are_not_compared():
     passes = [straight(0.0, 0.0), *(straight(SPACING, 0.3, angle=angle) for angle in (0.7, 1.4, 2.5))]
     assert pass_to_pass(passes, SPACING)["pass_to_pass_p95_m"] is None
 

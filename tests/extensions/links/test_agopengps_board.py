@@ -120,7 +120,7 @@ def test_board_without_latch_also_ignores_a_host_engaged_at_power_up():
     assert not Rig(latch_s="never").tick(on(), 40).engaged
 
 
-def test_board_stays_disengaged_after_an_outage_even_if_no_tick_occurred():
+def test_board_disengages_after_a_message_outage_without_board_ticks():
     rig = engaged()
     rig.t += 10.0
     assert not rig.tick(on(radians(30))).engaged

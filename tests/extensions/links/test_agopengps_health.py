@@ -224,7 +224,7 @@ def test_host_cross_track_error_is_missing_without_line_or_messages():
     assert not np.isnan(off[(t > 2) & (t < 6)]).any()
 
 
-def test_answered_fraction_excludes_positions_before_the_first_answer():
+def test_answered_fraction_excludes_positions_before_the_first_reply():
     def out(turn):
         return Datagram(turn, turn * 0.05, "out", "h:1", b"$PANDA,")
 
@@ -285,7 +285,7 @@ def test_replay_with_a_different_scenario_is_rejected(recorded, tmp_path):
         link(scenario(3.0, plant__kind="mujoco", terrain__kind="slope"), tmp_path, replay)
 
 
-def test_recording_without_metadata_is_checked_against_its_scenario(recorded, tmp_path):
+def test_link_recording_without_metadata_is_checked_by_its_scenario_file(recorded, tmp_path):
     bare = pq.read_table(recorded / "link.parquet").replace_schema_metadata(None)
     pq.write_table(bare, tmp_path / "link.parquet")
     replay = LinkOptions(replay=tmp_path / "link.parquet")

@@ -27,7 +27,7 @@ def lines_of(columns, offset=432, **more):
     return health_lines([pa.table(columns)], field_map(columns, steer={"offset": offset, "scale": SCALE}, **more))
 
 
-def test_health_of_a_fault_free_log_contains_only_scatter_and_centres():
+def test_fault_free_log_reports_only_position_scatter_and_steering_centres():
     scatter, centres = lines_of(field_log(DRIVEN, counts=counts_about(432)))
     assert float(scatter.split("scatter by ")[1].split()[0]) == pytest.approx(1.0, abs=0.1)
     assert centres.startswith("log: the steering explains 100 % of the yaw rate; steering centre: ")

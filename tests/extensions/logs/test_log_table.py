@@ -47,7 +47,7 @@ def test_log_table_script_without_a_file_prints_its_usage(capsys):
     assert "usage" in capsys.readouterr().err
 
 
-def test_files_of_a_log_are_compared_in_standard_errors(logs, capsys, monkeypatch):
+def test_values_from_two_log_files_are_compared_in_standard_errors(logs, capsys, monkeypatch):
     found = iter([Quantity(10.0, 7.0, 13.0, True), Quantity(15.0, 11.0, 19.0, False)])
     monkeypatch.setattr(log_table, "calibrate", lambda *_: SimpleNamespace(found={"steer.offset": next(found)}))
     columns = "time_s,steer_angle_deg,speed_km_h,latitude,longitude,fix_quality"
