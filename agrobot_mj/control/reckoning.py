@@ -1,13 +1,14 @@
 """Dead reckoning by wheels and gyro for the supervisor, starting at fixes of the last 30 s.
 
-The path of the rear axle R and its derivative with respect to the tyre compliance C follow from wheel speed w, yaw
-rate r and roll,
+The path q of the rear axle R, a complex number, and its negative derivative h with respect to the tyre compliance C
+follow from wheel speed w, yaw rate r and roll,
 
   dq = w exp(j (phi + beta)) dt,  dh = j f dq,    phi' = r,  beta = -C f,  f = w r + g sin(roll) + p sin(gamma)
 
-in a frame at an unknown angle, with the pull p of a working implement at the angle gamma to the tractor. A reference is
-an extrapolation from an earlier fix, with seven states: position x, y of R, angle theta of this frame, gyro bias b,
-wheel-scale error k, and corrections kappa of the sideslip and c of the compliance. Between two fixes
+in a frame at an unknown angle, with the integrated yaw rate phi, gravity g and the pull p of a working implement at the
+angle gamma to the tractor. A reference is an extrapolation from an earlier fix, with seven states: position x, y of R,
+angle theta of this frame, gyro bias b, wheel-scale error k, and corrections kappa of the sideslip and c of the
+compliance. Between two fixes
 
   x + j y += exp(j (theta + kappa)) ((1 - k) dq - c dh),    theta -= b dt
 

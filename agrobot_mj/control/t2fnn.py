@@ -8,13 +8,13 @@ Six guards handle singularities of the learning laws in the paper. Comments mark
 equations `16` and `16ek` keep x - c constant);
 2. denominators have a minimum magnitude and keep their sign (paper);
 3. width updates respect limits and order and keep the input inside each set: a large Euler step cannot overshoot;
-4. q stays within [0, 1]: updates that would leave the interval are omitted (paper);
+4. the weight q of the lower sets stays within [0, 1]: updates that would leave the interval are omitted (paper);
 5. the normalised firing is 0 if no rule fires;
 6. learning can be disabled, for example while the steering saturates.
 
 Inputs are clipped to a bound (the paper's B_x) to keep the arithmetic finite. With `centres = "follow"` the width laws
 do not change the normalised firing (appendix A). The network is then an integrator: d tau_n/dt = -alpha sgn(tau_c), and
-twice this rate while q adapts with a denominator above the floor.
+twice this rate while q adapts with a denominator above its minimum.
 """
 
 from functools import lru_cache

@@ -7,8 +7,8 @@ other side, and forward into the next pass. The middle bend has a cusp at both e
 and needs a headland that is one radius wide.
 
 Each turn is symmetric about the line halfway between the passes and is defined by one angle. An omega turns outwards
-through the flare f, back through pi + 2 f, and outwards through f. A k turns forward through a, in reverse through pi -
-2 a, and forward through a. With arcs of radius r and no clothoids, the distance between the passes is
+through the angle f, back through pi + 2 f, and outwards through f. A k turns forward through the angle a, in reverse
+through pi - 2 a, and forward through a. With arcs of radius r and no clothoids, the distance between the passes is
 
   omega: 2 r (2 cos f - 1),        k: 2 r (1 - 2 cos a).
 

@@ -1,9 +1,9 @@
 """Plan of a comparison: a sweep whose variants are laws on plants. All runs are checked before the first run.
 
-A comparison runs each law on each plant with each seed. There are three types of laws: entries of `controllers` (with
-the guidance law of the scenario), entries of `guidance` (with each controller, if the guidance law uses one), and
-variants. A variant is a named set of overrides. A variant that sets [guidance] or [controller] is a separate law. Any
-other variant changes machine, field or path, and all laws of the first two types run with this variant.
+A comparison runs each law on each plant with each seed. Laws are the entries of `controllers` (with the guidance law of
+the scenario) and of `guidance` (with each controller, if the guidance law uses one). A variant is a named set of
+overrides. A variant that sets [guidance] or [controller] is an additional law. Any other variant changes machine, field
+or path; all laws from `controllers` and `guidance` run with each such variant.
 """
 
 from collections.abc import Callable, Mapping, Sequence

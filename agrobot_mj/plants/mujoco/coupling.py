@@ -1,7 +1,8 @@
 """Closed-form force of the crank-knuckle coupling, for physics steps in which this coupling is the only constraint.
 
 MuJoCo computes constraint forces f from a quadratic problem. With couplings only, which act in both directions, the
-problem is linear: with the inertia M, the Jacobian J, the acceleration a_0 without constraints and the regularisation R
+problem is linear: with the inertia M, the Jacobian J, the acceleration a_0 without constraints, MuJoCo's reference
+acceleration a_ref and the regularisation R
 
   (J M^-1 J' + R) f = a_ref - J a_0.
 

@@ -6,9 +6,10 @@ to the left of the line, which is uphill. In the table, *held* means that the th
 angles of the run. *From parameters* means that the theory uses the slip angles calculated in the section on the side
 slope.
 
-Angles are relative to the line. V is the speed, T the tick, delta the steady steering angle, beta the crab angle
-(heading minus course), phi the roll, and h the height of the antenna. R is the point below the centre of the rear axle.
-The CG is l_r ahead of R and h_c above R.
+Angles are relative to the line. V is the speed, T the tick, L the wheelbase, delta the steady steering angle, beta the
+crab angle (heading minus course), phi the roll, and h the height of the antenna. psi^ is the estimated heading. y_R is
+the lateral position of R, the point below the centre of the rear axle, and y^_R its estimate. The CG is l_r ahead of R
+and h_c above R.
 
 The lateral positions of antenna and CG relative to R are
 
@@ -24,18 +25,18 @@ tan(delta) / L times the characteristic length K_y / K_psi of the filter, 2.4 m 
 position of the CG is y^ = y^_R + l_r sin(psi^). With terrain compensation, y^_R does not contain a, and the CG is
 estimated at y^_R + c(psi^). With a steering bias in the EKF, psi^ = 0 and nu = 0.
 
-The speed loop has an integral, which makes the longitudinal error tan(psi^) times the lateral error after the tanh. The
-kinematic law then commands gamma_ref = -(V sin(psi^) + k_s tanh(k_e y^) / cos(psi^)) / l_r while the tractor does not
-turn. The PD controller needs this gamma_ref for the steady steering angle, delta = k_P gamma_ref; a network (or any
-integral) holds delta with gamma_ref = 0. Hence
+The kinematic law has the gain k_e and the saturation k_s. The integral of the speed loop makes the longitudinal error,
+after the tanh, equal to tan(psi^) times the lateral error after the tanh. The kinematic law then commands gamma_ref =
+-(V sin(psi^) + k_s tanh(k_e y^) / cos(psi^)) / l_r while the tractor does not turn. The PD controller needs this
+gamma_ref for the steady steering angle, delta = k_P gamma_ref; a network (or any integral) holds delta with gamma_ref =
+0. Hence
 
     k_s tanh(k_e y^) = -(V sin(psi^) + l_r delta / k_P) cos(psi^)      (with the network: without delta / k_P)
 
-and the true CG is at y = y^ - (y^ - y^_R) - (y^_R - y_R) + c. Uphill is positive; GNSS and IMU have no noise. Two
-theories must agree with the simulation within 1 cm. *Held* uses roll, crab and steering angle of the run and predicts
-the resulting error of the loop, on every tyre and slope; the table shows the larger difference of both directions of
-travel. *From parameters* uses the slip angles of the section on the side slope. It has limits only in the linear range
-of the tyres, because a steering angle of 0.1 deg changes the offset by up to 2.5 cm.
+and the true CG is at y = y^ - (y^ - y^_R) - (y^_R - y_R) + c. GNSS and IMU have no noise. Both theories must agree with
+the simulation within 1 cm. For *held*, the table shows the larger difference of both directions of travel. *From
+parameters* has acceptance limits only in the linear range of the tyres, because a steering angle of 0.1 deg changes the
+offset by up to 2.5 cm.
 """
 
 from collections.abc import Iterable, Iterator, Mapping

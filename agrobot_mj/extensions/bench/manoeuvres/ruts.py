@@ -1,8 +1,9 @@
 """Ruts in soil
 
-A plate is pressed into a cell of soil, unloaded and pressed again. The pressure of the plate must follow Bekker's p = k
-z^n with k = k_c / b + k_phi [Bekker1969]. After N loadings to equal pressure, the sinkage must be z_1 N^(1/a), with the
-sinkage z_1 of one loading [Abebe1989]. Then a rear wheel with its static load is towed over untouched soil, repeatedly
+A plate is pressed into a cell of soil, unloaded and pressed again. At the sinkage z, the pressure of a plate of width b
+must be Bekker's p = k z^n with k = k_c / b + k_phi [Bekker1969], where k_c, k_phi and n are constants of the soil.
+After N loadings to equal pressure, the sinkage must be z_1 N^(1/a), with the sinkage z_1 of one loading and the
+exponent a of the soil [Abebe1989]. Then a rear wheel with its static load is towed over untouched soil, repeatedly
 along the same track. A rigid wheel with a flat tread has the motion resistance R = b k z^(n+1) / (n+1), with the rut
 depth z. Below a tyre with a crown, each strip of the rut has a different depth. The work of compaction must equal the
 resistance multiplied by the distance. At equal load instead of equal pressure, a wheel sinks slightly deeper than

@@ -5,9 +5,10 @@ spins while moving sideways. Friction acts opposite to the sliding velocity (v_x
 force may deviate from this direction by at most 5 degrees. The tolerance includes the motion resistance of soil, which
 acts along the heading. On soil, the net traction must equal that of the standard [ASAE2003] up to 95 % slip,
 
-    F_x / W = 0.88 (1 - exp(-0.1 B_n)) (1 - exp(-7.5 s)) - 1 / B_n - 0.5 s / sqrt(B_n).
+    F_x / W = 0.88 (1 - exp(-0.1 B_n)) (1 - exp(-7.5 s)) - 1 / B_n - 0.5 s / sqrt(B_n),
 
-Every tyre must dissipate power. `linear` has unlimited grip, so its force direction has no acceptance limit.
+with the forward force F_x, load W, slip s and mobility number B_n of the soil. Every tyre must dissipate power.
+`linear` has unlimited grip, so its force direction has no acceptance limit.
 """
 
 from collections.abc import Iterator

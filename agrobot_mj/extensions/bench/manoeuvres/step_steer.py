@@ -1,8 +1,8 @@
 """Step steer, after ISO 7401
 
 At 4 m/s, a voltage pulse steers the wheels to 3 degrees, nearly as fast as the hydraulics allow. The steady yaw rate
-divided by the steering angle is the kinematic value u / L, reduced by slip. The theory solves the balance of forces and
-moments in the bend for the curvature.
+divided by the steering angle is the kinematic value u / L (speed divided by wheelbase), reduced by slip. The theory
+solves the balance of forces and moments in the bend for the curvature.
 
 The response time is measured from half the steering angle to 90 % of the yaw rate. The tyres of the bicycle respond at
 once; other tyres respond over their relaxation length sigma, 0.42 m in front and 0.63 m behind, which delays the yaw
@@ -11,9 +11,10 @@ steering angle:
 
     sigma ds/dt = w - u s,   F = -C s,   w_f = v + l_f gamma - u delta,   w_r = v - l_r gamma
 
-with s the slip of an axle and w its sliding velocity. The body (mass m_b) rolls by phi on the rear tyres about the line
-from the rear patches to the pivot of the front axle, which passes h below its centre. The front axle, whose pivot is
-h_P high, rolls on the front tyres, which increases its sigma by C_f h_P^2 / (k_f T^2 / 2).
+with the slip s, sliding velocity w, side force F and cornering stiffness C of an axle (f front, r rear), lateral speed
+v, yaw rate gamma, and steering angle delta. The body rolls on the rear tyres about the line from the rear contact
+patches to the pivot of the front axle. The front axle, whose pivot is at the height h_P, rolls on the front tyres of
+the stiffness k_f and track T. This roll increases the relaxation length of the front axle by C_f h_P^2 / (k_f T^2 / 2).
 """
 
 from collections.abc import Iterator

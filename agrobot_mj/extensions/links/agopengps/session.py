@@ -2,13 +2,15 @@
 
 The link works in cycles of one tick (50 ms): measure, send the position, process the messages of the host, steer, step.
 Before the start, the tractor is at rest, and positions are sent until the host replies (or engages), because hosts need
-time to detect a module. A message is effective in the tick of its arrival, at most 25 ms after the position.
+time to detect a module. A message that arrives within 25 ms after the position acts in the same tick, a later message
+in the next tick.
 
 The GNSS and IMU board converts measurements of the simulated sensors to position sentences. The position is the
-receiver solution at the antenna, with noise, latency and losses. Like a real board, it sends no sentence without a
-solution. Roll and pitch come from the inertial unit if enabled. With one antenna, the heading is the integral of the
-gyro, if enabled, from the true initial heading. With two antennas (`paogi`), the heading comes from the receiver, and
-the last heading is repeated during a loss. Before the first heading, the board sends the sentence of a single antenna.
+receiver solution at the antenna, with noise, latency and losses. Like a real board, the simulated board sends no
+sentence without a solution. Roll and pitch come from the inertial unit if enabled. With one antenna, the heading is the
+integral of the gyro, if enabled, from the true initial heading. With two antennas (`paogi`), the heading comes from the
+receiver, and the last heading is repeated during a loss. Before the first heading, the board sends the sentence of a
+single antenna.
 """
 
 from collections.abc import Callable

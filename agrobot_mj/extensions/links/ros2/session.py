@@ -1,9 +1,10 @@
 """Run controlled by a program that publishes on /cmd_vel.
 
 The link works in cycles of one tick (50 ms): publish the sensors and the clock, receive a command, steer, step. In real
-time, a command is effective in the tick of its arrival, at most 25 ms after the sensors. In lock-step, the clock waits
-for one command every `every` ticks, so that a run is repeatable on any computer. The run ends if no command arrives.
-Before the start, the tractor is at rest. Clock and sensors are published in real time until the first command.
+time, a command that arrives within 25 ms after the sensor messages acts in the same tick, a later command in the next
+tick. In lock-step, the clock waits for one command every `every` ticks, so that a run is repeatable on any computer.
+The run ends if commands stop. Until the first command, clock and sensors are published in real time and the tractor is
+at rest.
 """
 
 import time
