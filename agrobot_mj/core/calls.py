@@ -70,7 +70,7 @@ def call_back(_: Any, address: Any) -> Any:
 
 
 def address_of(function: Any, form: Any, *arguments: object) -> int:
-    """Return the machine-code address of a `stage` or, with `arguments`, of a kernel compiled for their types.
+    """Return the machine-code address of a `stage` function or, with `arguments`, of a kernel compiled for their types.
 
     Raises TypeError if the argument or result types differ from the annotations of `form`, except in the types of
     states.

@@ -1,9 +1,9 @@
-"""References to the states of compiled stages; the states remain in the memory of the compiled code.
+"""References to states that remain in the memory of compiled code.
 
-A stage with an argument or a result annotated `Held[State]` takes or returns a reference. `kernels.held` creates a
-reference to a named tuple, and `kernels.fetched` returns the named tuple. References save time: converting a state of
-300 numbers to Python objects takes longer than most stages. A held state is immutable, like its named tuple. Without
-compilation the reference is the named tuple itself.
+A `kernels.stage` function with an argument or a result annotated `Held[State]` takes or returns a reference.
+`kernels.held` creates a reference to a named tuple, and `kernels.fetched` returns the named tuple. References save
+time: converting a state of 300 numbers to Python objects takes longer than most such functions. A held state is
+immutable, like its named tuple. Without compilation the reference is the named tuple itself.
 """
 
 import ctypes

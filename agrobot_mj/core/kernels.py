@@ -157,7 +157,7 @@ def _check_references(name: str, hint: Any, found: Any) -> None:
 
 
 def declared(hint: Any) -> types.Type:
-    """Return the numba type that corresponds to the type annotation of a `stage` argument."""
+    """Return the numba type that corresponds to the type annotation of an argument of a `stage` function."""
     if isinstance(hint, UnionType):  # optional number: present in kernels
         hint = get_args(hint)[0]
     if hint in NUMBERS:

@@ -31,7 +31,7 @@ Outcome = Literal[
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
 Matrix = np.ndarray[tuple[int, int], np.dtype[np.float64]]
-"""Types `Vector` and `Matrix`: C-contiguous arrays of floats with one and two dimensions, for compiled stages."""
+"""Types `Vector` and `Matrix`: C-contiguous arrays of floats with one and two dimensions, for compiled code."""
 Index = np.ndarray[tuple[int], np.dtype[np.int64]]
 
 
@@ -119,7 +119,7 @@ class Fix(NamedTuple):
 
 
 NO_FIX = Fix(nan, nan, nan, nan)
-"""Fix with NaN in all fields, which represents a missing fix in compiled stages."""
+"""Fix with NaN in all fields, which represents a missing fix in compiled code."""
 
 
 class Quality:

@@ -1,4 +1,4 @@
-"""Base class of the paths whose course is read from a file."""
+"""Base class of the paths whose geometry is read from a file."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
@@ -24,7 +24,7 @@ class FromFile(Timed):
         file: str
 
     _stamp: Stamp | None = PrivateAttr(default=None)
-    """Stamp (path, times of change and size) of the file from which the course was built."""
+    """Stamp (path, times of change and size) of the file from which the path geometry was built."""
 
     def model_post_init(self, context: Any, /) -> None:
         """Record the path, size and change times of the file, without reading its content.
@@ -34,7 +34,7 @@ class FromFile(Timed):
         self._stamp = stamp(self.file)
 
     def check(self) -> None:
-        """Check the file name and size, then build the course. Raise ValueError if the file is invalid."""
+        """Check the file name and size, then build the path geometry. Raise ValueError if the file is invalid."""
         self.content(lambda _: stamped(self.file, self.suffixes, self.max_bytes))
         super().check()
 

@@ -41,7 +41,7 @@ class LaneChange(Timed):
     """North coordinate of the start [m]."""
 
     def course(self) -> Course:
-        """Return the course of the path along all straights and lane changes."""
+        """Return the geometry of the path along all straights and lane changes."""
         changes = 2 if self.double else 1
         end = changes * (self.straight_m + self.change_m) + self.straight_m
         count = max(samples(end + changes * abs(self.offset_m)), int(64 * min(end / self.change_m, 1e4)))

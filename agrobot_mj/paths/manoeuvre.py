@@ -118,6 +118,6 @@ class Manoeuvre(Timed):
     """North coordinate of the start [m]."""
 
     def course(self) -> Course:
-        """Return the course of the path through all segments."""
+        """Return the geometry of the path through all segments."""
         start = Pose(self.start_x_m, self.start_y_m, radians(self.heading_deg))
         return chain(start, (piece.piece(self.speed_m_s) for piece in self.piece), self.cusp_pause_s)

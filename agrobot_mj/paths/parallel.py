@@ -90,7 +90,7 @@ class Parallel(Transitions, Timed):
         return tuple(ends)
 
     def course(self) -> Course:
-        """Return the course of the path along all passes and turns."""
+        """Return the geometry of the path along all passes and turns."""
         if self.run_in_m > self.length_m / 2:
             raise ValueError(f"run_in_m: must be at most half of length_m ({self.length_m / 2:g} m)")
         start = Pose(self.start_x_m, self.start_y_m, self.orientation[0])

@@ -43,7 +43,7 @@ def fastest(lengths: Array, limits: Array, acceleration: float, stops: Mask | No
 
 
 class _Joint(NamedTuple):
-    """Start of a segment of a timed course, or the end of the course, with the motion of the reference."""
+    """Start of a segment of a `TimedCourse`, or the end of the course, with the motion of the reference."""
 
     t: float  # Time at which the reference passes the start of the segment [s]
     x: float  # East coordinate [m]
@@ -110,7 +110,7 @@ class TimedCourse:
 
     @cached_property
     def sharpest(self) -> Place:
-        """First point of maximum curvature of the course."""
+        """First point of maximum absolute curvature of the course."""
         return self.course.sharpest()
 
     def time_at(self, distance: float) -> float:
@@ -120,7 +120,7 @@ class TimedCourse:
         return self._starts[k] + 2 * offset / max(v + sqrt(max(v * v + 2 * a * offset, 0.0)), 1e-12)
 
     def outline(self) -> PathOutline:
-        """Return samples of the course at both ends of each segment."""
+        """Return points of the course at both ends of each segment."""
 
         def ends(first: Array, last: Array) -> Array:
             return np.stack((first, last), 1).ravel()
@@ -149,7 +149,7 @@ class Timed(ReferencePath):
 
     ends = True
     reads_file: ClassVar[bool] = False
-    """Whether the course is read from a file. If so, `check` builds the course in place of the constructor."""
+    """Whether the path geometry is read from a file. If so, `check` builds the geometry in place of the constructor."""
 
     @model_validator(mode="after")
     def _has_a_course(self) -> Self:
@@ -158,7 +158,7 @@ class Timed(ReferencePath):
         return self
 
     def check(self) -> None:
-        """Build the course. Raise a ValueError that names the invalid key if the keys do not define a path."""
+        """Build the path geometry. Raise a ValueError that names the invalid key if the keys do not define a path."""
         checked_length(float(self.course().lengths.sum()))
 
     def course(self) -> Course:

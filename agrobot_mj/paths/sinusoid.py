@@ -34,7 +34,7 @@ class Sinusoid(Timed):
     """North coordinate of the start [m]."""
 
     def course(self) -> Course:
-        """Return the course of the path along all waves."""
+        """Return the geometry of the path along all waves."""
         A, k, end = self.amplitude_m, 2 * pi / self.wavelength_m, self.wavelength_m * self.count
         x = np.linspace(0.0, end, max(samples(end + 4 * abs(A) * self.count), 64 * self.count + 1))
         start = self.start_x_m, self.start_y_m, radians(self.heading_deg)

@@ -127,7 +127,8 @@ class Course(NamedTuple):
 
 
 def chain(start: Pose, pieces: Iterable[Piece], pause: float = 0.0) -> Course:
-    """Return the course of the segments `pieces` from the pose `start`, with a pause of `pause` [s] at each cusp.
+    """Return the `Course` that consists of the segments `pieces` from the pose `start`, with a pause of `pause` [s] at
+    each cusp.
 
     Segments of zero length are omitted. At a cusp the direction of travel changes.
     """

@@ -126,8 +126,8 @@ THIRD_DIFFERENCE = 20.0 * np.log(2.0)
 
 
 def smooth(points: Array, smoothing: float, closed: bool) -> Course:
-    """Return the course of one lap along a smoothing spline of `points`, shape (n, 2 or 3), with an rms deviation of at
-    most `smoothing` [m]."""
+    """Return the geometry of one lap along a smoothing spline of `points`, shape (n, 2 or 3), with an rms deviation of
+    at most `smoothing` [m]."""
     from scipy.interpolate import splev, splprep  # slow import (0.1 s), needed only by this function
 
     x, y = points[:, 0], points[:, 1]
@@ -219,7 +219,7 @@ class Waypoints(Transitions, FromFile):
         return self.laps if self.closed else 1
 
     def course(self) -> Course:
-        """Return the course of the path along all laps. Raise ValueError if the file is invalid."""
+        """Return the geometry of the path along all laps. Raise ValueError if the file is invalid."""
         points = self.waypoints()
         checked_length(self._laps * float(np.hypot(*np.diff(points[:, :2], axis=0).T).sum()))
         lap = _lap(self)[0]
@@ -233,7 +233,7 @@ class Waypoints(Transitions, FromFile):
         return points
 
     def rounded(self, points: Array) -> Course:
-        """Return the course of one lap through `points`, shape (n, 2 or 3), with straight legs and fillets."""
+        """Return the geometry of one lap through `points`, shape (n, 2 or 3), with straight legs and fillets."""
         rounding = Rounding(
             self.corner_radius_m, self.smoothing_m, self.speed_m_s, self.lateral_acceleration_m_s2, self
         )

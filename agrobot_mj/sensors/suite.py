@@ -232,7 +232,8 @@ class Suite:
         return self._prepared[1], self._addresses(generators)
 
     def readings_of(self, m: Measurement, heading: float | None) -> SensorReadings:
-        """Return a measurement with a fix as numbers; `heading` is the two-antenna heading before wrapping."""
+        """Return a measurement that contains a fix as `SensorReadings`. `heading` is the two-antenna heading before
+        wrapping."""
         fix, other = cast(Fix, m.fix), m.readings
         return SensorReadings(
             gnss=fix[:6],

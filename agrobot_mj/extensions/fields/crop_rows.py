@@ -77,7 +77,8 @@ def run_over(rows: CropRows, plan: Plan, body: BaseGeometry, rig: FieldMachine, 
 
 
 def _tramlines(plan: Plan, rig: FieldMachine, tractor: TractorParameters) -> list[BaseGeometry]:
-    """Return the ground under the wheels on the swaths inside the headland, if the tractor follows the plan exactly."""
+    """Return the ground areas that the wheels cover on the swaths inside the headland, if the tractor follows the plan
+    exactly."""
     course = plan.course.divided()
     x, y, yaw = course.joints()
     s = course.distances()

@@ -63,7 +63,7 @@ def _rings(polygon: Polygon) -> Iterator[Array]:
 
 
 def _sharp(ring: Array) -> Iterator[tuple[float, float, float]]:
-    """Yield each sharp corner of a ring: x [m], y [m] and change of direction [deg], positive to the left."""
+    """Yield each sharp corner of a polygon ring: x [m], y [m] and change of direction [deg], positive to the left."""
     points = shapely.get_coordinates(Polygon(ring).simplify(CORNER_M).exterior)
     legs = np.diff(points, axis=0)
     yaws = np.arctan2(legs[:, 1], legs[:, 0]).tolist()

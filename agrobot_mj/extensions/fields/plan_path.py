@@ -24,5 +24,5 @@ class FieldPlan(FromFile):
         return self.content(plan_of)
 
     def course(self) -> Course:
-        """Return the course of the plan."""
+        """Return the geometry of the planned path."""
         return self.plan.course

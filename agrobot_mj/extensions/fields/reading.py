@@ -24,8 +24,8 @@ from agrobot_mj.paths.imports.plane import FAR_M
 
 INNER = ("hole", "obstacle", "headland")  # Roles of rings that belong to the preceding boundary
 SAME, APART = 1e-9, 0.05
-"""Limits of the gap between the ends of a line, divided by the extent of the line [-]. A gap up to `SAME` closes a
-ring. A gap above `APART` is reported."""
+"""Limits of the gap between the ends of a line, divided by the extent of the line [-]. A line with a gap up to `SAME`
+is a closed ring. A gap above `APART` is reported."""
 
 REPEATED = 0.9
 """Fraction of the field area above which a ring inside the field counts as a second outline [-]. Assumed value."""
@@ -58,7 +58,7 @@ def read_field(path: Path, crs: str = "", name: str = "") -> Field:
 
 
 def _groups(shapes: Sequence[Polyline]) -> list[list[Polyline]]:
-    """Return groups of an outer ring and its inner rings.
+    """Return groups of the outer ring and the inner rings of a polygon.
 
     In a file without rings, lines or points are treated as rings.
     """
@@ -77,7 +77,7 @@ def _groups(shapes: Sequence[Polyline]) -> list[list[Polyline]]:
 
 
 def _is_open_line(shapes: Sequence[Polyline], ring: Array) -> bool:
-    """Return whether the points of `ring` form a line with distant ends. Tables of points do not count."""
+    """Return whether the points `ring` form an open line, whose ends are distant. Tables of points do not count."""
     if any(shape.ring or shape.role == "point" or "row" in shape.columns for shape in shapes):
         return False
     return float(np.hypot(*(ring[-1] - ring[0]))) > APART * float(np.ptp(ring, axis=0).max())
@@ -115,7 +115,7 @@ def _chosen(groups: list[list[Polyline]], name: str) -> tuple[list[Polyline], li
 
 
 def _area(points: Array) -> float:
-    """Return the area of a ring in squared coordinate units, for comparisons between rings."""
+    """Return the area of a polygon ring in squared coordinate units, for comparisons between rings."""
     x, y = (points - points[0]).T
     return abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2
 

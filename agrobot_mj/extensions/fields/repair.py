@@ -12,12 +12,13 @@ from agrobot_mj.paths.track import Index
 
 LEAST_M2 = 10.0  # Minimum area of a field [m2]. Assumed value: smaller than a machine.
 MOST_POINTS, WITHIN_M = 20_000, 0.02
-"""Number of points above which a ring is simplified [-], and tolerance of the simplification [m]."""
+"""Number of points above which a polygon ring is simplified [-], and tolerance of the simplification [m]."""
 SLIVER_M2 = 0.01  # Area below which the loss of a part of a polygon is not reported [m2]
 MOST_LOST = 0.05  # Maximum fraction of the area that the repair of a boundary may remove [-]. Assumed value.
 SHOWN = 3  # Maximum number of crossings or spikes in a message
 MOST_CROSSINGS, SIDES_AT_ONCE = 1000, 100
-"""Maximum number of crossings of a ring that is repaired, and number of sides that are examined together [-]."""
+"""Maximum number of self-crossings of a polygon ring that is repaired, and number of sides that are examined together
+[-]."""
 FOLD_DEG, SPIKE_DEG = 1.0, 15.0
 """Maximum interior angle of a fold, whose tip is omitted, and of a spike, which is reported [deg]. Assumed values."""
 FOLD_M, SPIKE_M = 1.0, 10.0  # Minimum length of the shorter side of a fold and of a spike [m]
@@ -59,7 +60,8 @@ def inner_polygons(points: Array, what: str) -> tuple[list[Polygon], list[str]]:
 
 
 def _polygons(points: Array, what: str) -> tuple[list[Polygon], str, list[str]]:
-    """Return the polygons of a ring, a text about self-crossings (empty for a valid ring), and notes about repairs."""
+    """Return the polygons of a closed line, a text about self-crossings (empty for a valid line), and notes about
+    repairs."""
     notes = list[str]()
     kept = _without_repeats(points, what, notes)
     if (far := outliers(points[kept])).size:
@@ -113,7 +115,7 @@ def _crossing(polygon: Polygon, numbers: Index | None, what: str) -> str:
 
 
 def _simplified(points: Array, what: str, notes: list[str]) -> Array:
-    """Return a simplified ring, usually with fewer than `MOST_POINTS` points. Append a note to `notes`."""
+    """Return a simplified polygon ring, usually with fewer than `MOST_POINTS` points. Append a note to `notes`."""
     apart = max(WITHIN_M, 4 * float(np.hypot(*np.ptp(points, axis=0))) / MOST_POINTS)
     near = points[thinned(points, apart, closed=True)]
     found = shapely.get_coordinates(LineString(near).simplify(WITHIN_M, preserve_topology=False))
@@ -170,8 +172,8 @@ def _without_folds(points: Array, kept: Index, what: str, notes: list[str]) -> I
 
 
 def _corners(ring: Array) -> tuple[Array, Array]:
-    """Return the interior angle [deg] and the length of the shorter adjacent side [m] at each point of a ring, shape
-    (n,) each."""
+    """Return the interior angle [deg] and the length of the shorter adjacent side [m] at each point of a polygon ring,
+    shape (n,) each."""
     before, after = np.roll(ring, 1, axis=0) - ring, np.roll(ring, -1, axis=0) - ring
     across = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     angles = np.degrees(np.arctan2(np.abs(across), (before * after).sum(axis=1)))

@@ -238,7 +238,8 @@ def sets_schema(key: str, value: Any) -> bool:
 
 
 def points_of(method: str, samples: int, draws: int) -> int:
-    """Return the number of sample points of a sampling `method` for `samples` samples and `draws` random parameters."""
+    """Return the number of sample points that a sampling `method` needs for `samples` requested samples and `draws`
+    random parameters."""
     return samples * (draws + 2) if method == "saltelli" else samples
 
 

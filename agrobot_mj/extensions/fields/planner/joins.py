@@ -167,12 +167,13 @@ def _routes(area: Area, start: Pose, goal: Pose) -> Iterator[Pieces]:
 
 
 Place = tuple[float, Pose, float]
-"""Point on a ring: arc length [m], pose, and distance along the ring from the point nearest to start or goal [m]."""
+"""Point on a headland lap: arc length [m], pose, and distance along the lap from the point nearest to start or goal
+[m]."""
 
 
 def _places(ring: Ring, pose: Pose, step: float) -> list[Place]:
-    """Return points, `step` [m] apart along a ring, at which a route may enter or leave the ring. The first point is
-    the ring point nearest to `pose`."""
+    """Return points, `step` [m] apart along a headland lap, at which a route may enter or leave the lap. The first
+    point is the point of the lap nearest to `pose`."""
     line = ring.line
     nearest = line.project(shapely.Point(pose.x, pose.y))
     found = []

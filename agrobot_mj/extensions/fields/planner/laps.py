@@ -16,7 +16,8 @@ MITRE = 5.0  # Maximum length of a mitred corner divided by the offset of the bo
 SIMPLE_M = 0.05  # Tolerance of the simplification of rings [m]
 CORNER_M = 0.1  # Maximum distance of a rounded corner from the original corner, for a small change of direction [m]
 SMOOTHER = (0.0, 1.0, 1.5, 2.5)
-"""Smoothing radii of a ring divided by the turn radius [-], applied in order until the machine can follow the ring."""
+"""Smoothing radii of the line of a headland lap, divided by the turn radius [-]. The radii are tried in this order
+until the machine can follow the line."""
 
 
 class Ring(NamedTuple):
@@ -54,7 +55,8 @@ def rings(area: BaseGeometry, count: int, width: float) -> list[Ring]:
 
 
 def _corners(ring: LinearRing, left: bool) -> Array:
-    """Return the corners of a ring, counter-clockwise if `left`, otherwise clockwise. The longest side is first."""
+    """Return the corners of a headland lap, counter-clockwise if `left`, otherwise clockwise. The longest side is
+    first."""
     simple = LinearRing(ring).simplify(SIMPLE_M)
     points = np.array(simple.coords)[:-1, :2]
     if LinearRing(points).is_ccw != left:
@@ -64,7 +66,7 @@ def _corners(ring: LinearRing, left: bool) -> Array:
 
 
 def from_point(ring: Ring, distance: float) -> Array:
-    """Return the closed polyline of a ring, shape (n, 2) [m], starting at the arc length `distance` [m]."""
+    """Return the closed polyline of a headland lap, shape (n, 2) [m], starting at the arc length `distance` [m]."""
     closed = np.vstack([ring.points, ring.points[:1]])
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))))
     distance %= along[-1]
@@ -81,12 +83,14 @@ def rounding(rig: FieldMachine) -> Rounding:
 
 
 def lap(ring: Ring, distance: float, rig: FieldMachine) -> Course | None:
-    """Return the course of a lap from the arc length `distance` [m], or None if the machine cannot follow the lap."""
+    """Return the geometry of a headland lap that starts at the arc length `distance` [m], or None if the machine cannot
+    follow the lap."""
     return drivable(from_point(ring, distance), True, rig)
 
 
 def drivable(points: Array, closed: bool, rig: FieldMachine) -> Course | None:
-    """Return the course along a polyline with rounded corners, or None if the machine cannot follow the polyline.
+    """Return the geometry of a path along a polyline with rounded corners, or None if the machine cannot follow the
+    polyline.
 
     The machine cannot follow a reversal of the line or a bend below its turn radius.
     """
@@ -98,8 +102,8 @@ def drivable(points: Array, closed: bool, rig: FieldMachine) -> Course | None:
 
 
 def smoothed(ring: Ring, rig: FieldMachine) -> Ring:
-    """Return the ring with the smallest smoothing radius of `SMOOTHER` that the machine can follow. If there is none,
-    return the original ring."""
+    """Return the headland lap with the smallest smoothing radius of `SMOOTHER` that the machine can follow. If there is
+    none, return the original lap."""
     for factor in SMOOTHER:
         radius, found = factor * rig.path.turn_radius_m, ring
         if factor:

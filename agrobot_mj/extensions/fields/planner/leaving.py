@@ -57,7 +57,8 @@ class Leaving:
         return [f"{what} by {self._places(values)}" for what, values in said if values.max() > WARNED_M]
 
     def _places(self, outside: Array) -> str:
-        """Return a text with the maximum distance beyond the boundary, and positions of local maxima to 1 m."""
+        """Return a text with the maximum distance beyond the boundary, and the positions of local maxima, rounded to 1
+        m."""
         places = sorted(_peaks(outside, WARNED_M), key=lambda k: -outside[k])
         told = list(dict.fromkeys(f"({self.x[k]:.0f}, {self.y[k]:.0f})" for k in places))
         more = f" and {len(told) - PLACES_TOLD} more" if len(told) > PLACES_TOLD else ""

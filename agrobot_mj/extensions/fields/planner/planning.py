@@ -99,7 +99,7 @@ class _Work:
         self.passes.append(PlannedPass("headland", *span, (span,) * self.options.sections))
 
     def _starts(self, ring: Ring) -> list[float]:
-        """Return the arc lengths of a ring at which a lap may start [m]."""
+        """Return the arc lengths of a headland lap at which the machine may start the lap [m]."""
         length, reach = ring.line.length, self.rig.bends.reach
         if self.start is None:
             return [k * length / LAP_STARTS for k in range(1, LAP_STARTS)]

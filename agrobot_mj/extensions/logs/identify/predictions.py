@@ -43,9 +43,9 @@ SENSORS = {
     "left_m": Parameter(0.0, -10.0, 10.0, 0.05),
     "lean_s2": Parameter(0.01, -0.05, 0.3, 0.01),
 }
-"""Sensor parameters. If the recorded speed is the speed of the antenna, the antenna position (relative to the column
-map) and the heading latency also affect the simulated motion. Body roll shifts the antenna outwards by `lean_s2` times
-the lateral acceleration."""
+"""Sensor parameters. If the recorded speed is the speed of the antenna, the antenna position (as difference from the
+column map) and the heading latency also affect the simulated motion. Body roll shifts the antenna outwards by `lean_s2`
+times the lateral acceleration."""
 DYNAMICS = {
     "front_compliance": Parameter(5e-5, 0.0, 2e-3, 1e-5),
     "rear_compliance": Parameter(3e-5, 0.0, 2e-3, 1e-5),
