@@ -168,7 +168,7 @@ def test_run_command_writes_its_files_and_prints_its_outcome(call, elsewhere):
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_run_of_the_written_scenario_gives_the_same_signals(call, plant):
+def test_run_of_a_saved_scenario_file_repeats_its_signals(call, plant):
     changes = ("--set", f"plant.kind={plant}", "--set", "seed=11", "--set", "tractor.mass_kg=741.3")
     assert call("run", "circle", "--no-rrd", "--set", "duration_s=2", *changes, "--out", "first")[0] == 0
     assert call("run", "first/scenario.toml", "--no-rrd", "--out", "second")[0] == 0

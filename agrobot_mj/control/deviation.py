@@ -253,10 +253,8 @@ def _approach_speed(limits: CommandLimits, deviation: PathDeviation) -> float:
 
 @jit
 def _turning_speed(limits: CommandLimits, turning: float) -> float:
-    """Return the maximum speed u [m/s] at which the heading changes by at most A = `heading_change`.
-
-    The wheels turn by `turning` [rad] at a constant rate in the time T, so that u turning T / (2 L) = A.
-    """
+    """Return the maximum speed u [m/s] at which the heading changes by at most A = `heading_change`. The wheels turn by
+    `turning` [rad] at a constant rate in the time T, so that u turning T / (2 L) = A."""
     T = TURNING_S * turning / limits.steer_limit
     return max(2.0 * limits.wheelbase * limits.heading_change / max(turning * T, 1e-6), SLOWEST_M_S)
 

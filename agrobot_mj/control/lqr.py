@@ -145,9 +145,7 @@ def _tick(
     dt: float,
 ) -> tuple[Held[LqrState], Followed, float, Vector]:
     """Return the new state, the command, the arc length [m] up to which the path must be sampled, and log values.
-
-    `last` contains the last direction of travel and the last speed command [m/s].
-    """
+    `last` contains the last direction of travel and the last speed command [m/s]."""
     p, e = fetched(p), fetched(seen.estimate)
     deviation, most = deviated_on(p.limits, last[0], samples, seen, r, rolling(p.slip, e.speed))
     limits = p.approach, p.integral

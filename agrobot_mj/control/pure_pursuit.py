@@ -112,9 +112,7 @@ def _arc_to(
     pose: tuple[float, float, float], predicted: float, turn: float, l_r: float, L: float,
 ) -> float:  # fmt: skip
     """Return the steering angle [rad] of the arc to a goal `beyond` [m] past a path point with sideslip `beta` [rad].
-
-    The arc begins at the `pose` of the rear axle after travelling `predicted` [m] while turning by `turn` [rad].
-    """
+    The arc begins at the `pose` of the rear axle after travelling `predicted` [m] while turning by `turn` [rad]."""
     rear_x, rear_y, yaw = pose
     aside = deviation.cross_track - min(max(deviation.cross_track, -far), far)
     east, north = from_heading(goal.yaw, deviation.direction * beyond, aside)

@@ -173,10 +173,8 @@ def _correct(mean: Vector, P: Matrix, state: int, innovation: float, variance: f
 
 @jit
 def _renewed(r: References, t: float) -> References:
-    """Return the first dead-reckoning reference and all others younger than MEMORY_S [s].
-
-    If the newest reference is older than RENEWAL_S, a copy of the first reference is added.
-    """
+    """Return the first dead-reckoning reference and all others younger than MEMORY_S [s]. If the newest reference is
+    older than RENEWAL_S, a copy of the first reference is added."""
     n = r.begun.size
     means, P, begun, kept = np.zeros((n + 1, 7)), np.zeros((n + 1, 7, 7)), np.zeros(n + 1), 0
     for k in range(n):

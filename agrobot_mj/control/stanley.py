@@ -107,9 +107,7 @@ def _tick(
     r: Reference, dt: float,
 ) -> tuple[Held[StanleyState], Followed, float, Vector]:  # fmt: skip
     """Return the new state, the command, the arc length [m] up to which the path must be sampled, and log values.
-
-    `last` contains the last direction of travel and the last speed command [m/s].
-    """
+    `last` contains the last direction of travel and the last speed command [m/s]."""
     p, e = fetched(p), fetched(seen.estimate)
     deviation, most = deviated_on(p.limits, last[0], samples, seen, r, (p.gains.rear, p.gains.wheelbase))
     pose = e.x, e.y, e.yaw

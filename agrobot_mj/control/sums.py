@@ -160,10 +160,8 @@ def summed(last: Held[Sums], m: Sensed, fix: Fix, vehicle: Vehicle, towed: Towed
 def _turn(
     s: Sums, m: Sensed, heading: float, gyro: float, w: float, vehicle: Vehicle, dt: float
 ) -> tuple[float, float]:
-    """Return the yaw rate [rad/s] from gyro, antennas or steering angle, and the added frame-angle variance [rad2].
-
-    `w` is the speed of the rear axle [m/s].
-    """
+    """Return the yaw rate [rad/s] from gyro, antennas or steering angle, and the added frame-angle variance [rad2]. `w`
+    is the speed of the rear axle [m/s]."""
     standing = abs(w) < STANDING_M_S
     if isfinite(m.gyro):
         return (0.0 if standing else gyro), 0.0

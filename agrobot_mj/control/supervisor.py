@@ -157,10 +157,8 @@ class Supervisor(SupervisorLimits):
     def _stopping(
         self, state: SupervisorState, situation: Situation, measured: Measurement, dt: float
     ) -> SupervisorState:
-        """Return the state after a tick of a controlled stop.
-
-        The pedal returns to neutral. If the tractor does not come to rest, the power of the pedal valve is cut.
-        """
+        """Return the state after a tick of a controlled stop. The pedal returns to neutral. If the tractor does not
+        come to rest, the power of the pedal valve is cut."""
         reach = self.stopping_pedal_rate_per_s * dt
         pedal = state.pedal + clip(-state.pedal, -reach, reach)
         # one of both speeds may be wrong: `still` requires one speed at rest, `released` one speed in motion

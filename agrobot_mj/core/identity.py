@@ -163,9 +163,7 @@ def _take_in(paths: Iterable[Path]) -> None:
 
 def _files_of(name: str, installed: bool) -> list[Path]:
     """Return the file of a module, or all files of its package; empty for modules of Python and of this package.
-
-    Installed libraries are omitted unless `installed` is true.
-    """
+    Installed libraries are omitted unless `installed` is true."""
     parts = name.split(".")
     if parts[0] in sys.stdlib_module_names or parts[0] == PACKAGE.name:
         return []

@@ -116,10 +116,8 @@ class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
             file.write(content + _checksum(path, content))
 
     def _content(self, path: str) -> bytes | None:
-        """Return the content of a file without its checksum, or None for a missing file.
-
-        Raises `_DamagedError` for a wrong checksum.
-        """
+        """Return the content of a file without its checksum, or None for a missing file. Raises `_DamagedError` for a
+        wrong checksum."""
         try:
             found = Path(path).read_bytes()
         except FileNotFoundError:

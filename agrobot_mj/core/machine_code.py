@@ -82,10 +82,8 @@ _set = JITCPUCodegen.set_env
 
 
 def _environments_with_constants(found: CompileResult) -> list[Any]:
-    """Return the numba environments of a compiled function that contain Python constants.
-
-    Loading other environments would import their modules, which takes 0.1 s for numba's array functions.
-    """
+    """Return the numba environments of a compiled function that contain Python constants. Loading other environments
+    would import their modules, which takes 0.1 s for numba's array functions."""
     return [environment for environment in _environments(found) if environment.consts]
 
 

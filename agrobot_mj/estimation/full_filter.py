@@ -141,10 +141,8 @@ def step(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, quality: int, dt: 
 
 @jit
 def _received(f: FullFilter, core: Core, fix: Fix, quality: int) -> Core:
-    """Return the filter state prepared for a fix; the first two-antenna heading adds two states.
-
-    A change of the quality resets the correlated fix error.
-    """
+    """Return the filter state prepared for a fix; the first two-antenna heading adds two states. A change of the
+    quality resets the correlated fix error."""
     mean, P, last = core.mean, core.covariance, core.seen
     if quality != last.quality:
         mean, P = forget_correlated(mean, P)
@@ -204,11 +202,8 @@ def _lever(f: FullFilter, core: Core, inputs: Inputs, mean: Vector, dt: float) -
 def _with_fix(
     f: FullFilter, core: Core, inputs: Inputs, fix: Fix, sway: float, dt: float
 ) -> tuple[Core, float, FixRows, Used]:
-    """Apply the gates to a fix.
-
-    Return the filter state, the wheel speed (NaN if rejected), the measurement rows of the fix, and which rows are
-    used.
-    """
+    """Apply the gates to a fix. Return the filter state, the wheel speed (NaN if rejected), the measurement rows of the
+    fix, and which rows are used."""
     mean, P, search, r, variation = core.mean, core.covariance, core.search, core.rejections, core.sway
     noise, side, t = f.noises[core.seen.quality], SideLoad(side_of(inputs), core.smooth.bend), core.seen.t
     gap = min(inputs.t - t, LONGEST_GAP_S) if t >= 0.0 else dt
@@ -239,10 +234,8 @@ def _with_fix(
 
 @jit
 def _checked_wheels(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, side: SideLoad) -> tuple[Seen, float]:
-    """Return the properties of the fix, and the wheel speed [m/s], which is NaN if the wheels spin or slide.
-
-    Wheels spin or slide if their speed differs from a fix speed that has not jumped.
-    """
+    """Return the properties of the fix, and the wheel speed [m/s], which is NaN if the wheels spin or slide. Wheels
+    spin or slide if their speed differs from a fix speed that has not jumped."""
     speed, last, searching = _ground_speed(core, fix, side), core.seen, core.search.active
     jump = abs(speed - last.speed) > JUMP_M_S2 * (inputs.t - last.t)
     apart = abs(speed - (abs(inputs.wheel) if searching else inputs.wheel)) > f.gates.velocity

@@ -101,9 +101,7 @@ class _Walk:
 
     def _nearest(self, t: float, x: float, y: float, near: float) -> tuple[int, float]:
         """Return index and distance [m] of the sample nearest to (x, y) [m], searched near the arc length `near` [m].
-
-        If this sample is less than `STEP_M` before the last sample, the last sample is returned.
-        """
+        If this sample is less than `STEP_M` before the last sample, the last sample is returned."""
         k, _ = self.route.search(x, y, near, t)
         if self.route.distances[k] > self.route.distances[self.last] - STEP_M:
             k = self.last

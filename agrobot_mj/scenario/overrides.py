@@ -103,10 +103,8 @@ def _item(items: list[Any], name: str, dotted: str, key: str) -> Any:
 
 
 def _kind(data: Any, tables: list[str], default: Spec) -> Any:
-    """Return the kind of the table at the key path `tables`, or None for a table without kinds.
-
-    A table that does not set `kind` has the kind of `default`.
-    """
+    """Return the kind of the table at the key path `tables`, or None for a table without kinds. A table that does not
+    set `kind` has the kind of `default`."""
     data = deepcopy(data)
     complete(data, default)
     for name in tables:

@@ -193,10 +193,8 @@ def _with_member(annotation: Any, member: type[Spec], instead: type[Spec] | None
 
 
 def _rebuild(owner: type[Spec], changed: set[type[Spec]], seen: dict[type[Spec], bool]) -> bool:
-    """Rebuild the validators of `owner` and of its nested classes that contain a class in `changed`.
-
-    Return whether `owner` was rebuilt.
-    """
+    """Rebuild the validators of `owner` and of its nested classes that contain a class in `changed`. Return whether
+    `owner` was rebuilt."""
     if owner not in seen:
         seen[owner] = False
         inner = [part for field in owner.model_fields.values() for part in members(field.annotation).values()]

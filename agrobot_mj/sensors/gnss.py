@@ -315,10 +315,8 @@ def _part(sigma: float, share: float, kept: Shares) -> ErrorPart:
 
 
 def _frozen(fix: Fix, last: Fix, keep: Frozen) -> Fix:
-    """Return the solution `fix`, or the position of `last` at the time of `fix` if the receiver is frozen.
-
-    `keep` selects the velocity of a frozen receiver: current, last or zero.
-    """
+    """Return the solution `fix`, or the position of `last` at the time of `fix` if the receiver is frozen. `keep`
+    selects the velocity of a frozen receiver: current, last or zero."""
     match keep:
         case "":
             return fix

@@ -204,10 +204,8 @@ class Log:
 
 
 def _arrow(values: np.ndarray[tuple[int, ...], np.dtype[np.floating]]) -> pa.Array:
-    """Return the contiguous `values` (n,) as an Arrow array with null for NaN, without copying.
-
-    `pa.array` would import pandas if installed, which takes 46 MB and almost 1 s.
-    """
+    """Return the contiguous `values` (n,) as an Arrow array with null for NaN, without copying. `pa.array` would import
+    pandas if installed, which takes 46 MB and almost 1 s."""
     absent = np.isnan(values)
     count = int(absent.sum())
     valid = pa.py_buffer(np.packbits(~absent, bitorder="little")) if count else None

@@ -42,10 +42,8 @@ class Simulation:
     """Simulation of one scenario, advanced tick by tick with its guidance law or with external commands."""
 
     def __init__(self, scenario: str | Path | Scenario, overrides: Mapping[str, Any] | None = None) -> None:
-        """Create the simulation of a scenario given by name, path or object, with overrides by dotted key.
-
-        Raises `ScenarioError` or TypeError for invalid arguments.
-        """
+        """Create the simulation of a scenario given by name, path or object, with overrides by dotted key. Raises
+        `ScenarioError` or TypeError for invalid arguments."""
         if isinstance(scenario, Scenario):
             self.scenario = scenario if overrides is None else scenario.changed(overrides)
         else:
@@ -158,10 +156,8 @@ class Simulation:
             return self._last()
 
     def _perform_episode(self, most: int) -> int:
-        """Perform an episode of at most `most` ticks and return the number of its ticks.
-
-        The result is 0 if no episode is possible, or if `most` is below SHORTEST.
-        """
+        """Perform an episode of at most `most` ticks and return the number of its ticks. The result is 0 if no episode
+        is possible, or if `most` is below SHORTEST."""
         if most < SHORTEST:
             return 0
         try:
@@ -189,10 +185,8 @@ class Simulation:
             return self._step({}, None)
 
     def _finish_tick(self, tick: Tick, led: bool) -> None:
-        """Write the log row, advance the plant unless the run has ended, and read the sensors.
-
-        `led` is True if the command comes from the guidance law.
-        """
+        """Write the log row, advance the plant unless the run has ended, and read the sensors. `led` is True if the
+        command comes from the guidance law."""
         loop, plant, rows = self.loop, self.loop.plant, self.rows
         try:
             values, t = row(tick)

@@ -98,10 +98,8 @@ def _table(table: Any) -> Writer:
 
 
 def _signals(log: Log, path: Path) -> None:
-    """Write the signals in row groups, so that memory usage is independent of the length of the run.
-
-    Without dictionary encoding, which is useful only for repeated values, the files are a sixth smaller.
-    """
+    """Write the signals in row groups, so that memory usage is independent of the length of the run. Without dictionary
+    encoding, which is useful only for repeated values, the files are a sixth smaller."""
     with pq.ParquetWriter(path, log.schema, compression="zstd", use_dictionary=False) as writer:
         for piece in log.pieces():
             writer.write_table(piece)

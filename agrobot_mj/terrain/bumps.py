@@ -92,10 +92,8 @@ class Bumps(Generated):
 
 
 def _raise(heights: Array, nodes: tuple[Array, Array], bump: Bump, size: tuple[float, float]) -> None:
-    """Raise `heights` to a bump of unit height where the bump is higher.
-
-    `size` is the length and width of the bump [m], and `nodes` the coordinates of columns and rows of `heights` [m].
-    """
+    """Raise `heights` to a bump of unit height where the bump is higher. `size` is the length and width of the bump
+    [m], and `nodes` the coordinates of columns and rows of `heights` [m]."""
     x, y, heading = bump
     reach = np.hypot(*size) / 2
     column, row = (_between(along, c - reach, c + reach) for along, c in zip(nodes, (x, y), strict=True))

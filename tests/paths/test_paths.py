@@ -100,7 +100,7 @@ def test_compiled_references_of_a_path_equal_its_method_at_bit_for_bit(path):
     assert np.array_equal(samples_at(times, found), samples)
 
 
-def test_references_of_a_subclass_follow_its_own_method_at():
+def test_references_use_the_overridden_method_at_of_a_path_subclass():
     class Shifted(FigureEight):
         def at(self, t):
             return super().at(t)._replace(x=7.0)

@@ -48,7 +48,7 @@ def test_signal_table_of_a_long_run_is_written_block_by_block(log, tmp_path):
         write_log(log, tmp_path)
 
 
-def test_recording_is_finished_by_reading_one_column_at_a_time(log):
+def test_body_positions_of_a_long_log_are_read_with_little_memory(log):
     with at_most(6 * 8 * ROWS):
         assert log.rows.poses[:ROWS, 0, :3].shape == (ROWS, 3)
 

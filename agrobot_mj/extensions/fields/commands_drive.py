@@ -165,10 +165,8 @@ def _field(file: Path, crs: str, name: str, quiet: bool) -> "Field":
 def _rig(
     field: "Field", width: float, overlap: float, turn: str, speed: float, radius: float | None, given: dict[str, Any]
 ) -> "tuple[Scenario, FieldMachine]":
-    """Return the scenario for planning, and the machine data for the planner.
-
-    The path of this scenario contains the turn radius, the transition type and the speed of the plan.
-    """
+    """Return the scenario for planning, and the machine data for the planner. The path of this scenario contains the
+    turn radius, the transition type and the speed of the plan."""
     from agrobot_mj.core.errors import ScenarioError
     from agrobot_mj.extensions.fields.drive import planning_scenario
     from agrobot_mj.extensions.fields.planner.rig import rig_of

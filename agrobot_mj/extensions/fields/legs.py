@@ -40,10 +40,8 @@ def _of_line(line: Polyline, boundary: Polygon) -> Iterator[Leg]:
 
 
 def _by_state(line: Polyline, working: bool) -> Iterator[Leg]:
-    """Yield a leg for each section of a line with constant direction and constant working state.
-
-    The properties of a point apply to the line segment after the point.
-    """
+    """Yield a leg for each section of a line with constant direction and constant working state. The properties of a
+    point apply to the line segment after the point."""
     kept = distinct(line.points)
     columns = {name: values[kept] for name, values in line.columns.items()}
     points, count = line.points[kept], len(kept)

@@ -58,10 +58,8 @@ def read_field(path: Path, crs: str = "", name: str = "") -> Field:
 
 
 def _groups(shapes: Sequence[Polyline]) -> list[list[Polyline]]:
-    """Return groups of the outer ring and the inner rings of a polygon.
-
-    In a file without rings, lines or points are treated as rings.
-    """
+    """Return groups of the outer ring and the inner rings of a polygon. In a file without rings, lines or points are
+    treated as rings."""
     rings = [shape for shape in shapes if shape.ring and len(shape.points)]
     if not rings:
         lines = [shape for shape in shapes if shape.role != "point" and len(shape.points)]
@@ -156,9 +154,7 @@ def _field(local: LocalShapes, name: str, notes: list[str]) -> Field:
 
 def _middle(field: Field, file: ShapeFile) -> LocalShapes | None:
     """Return a new local plane with its origin at the middle of the boundary, or None if the current plane is suitable.
-
-    The first plane of a file may be off-centre, because it includes points and rings that are later omitted.
-    """
+    The first plane of a file may be off-centre, because it includes points and rings that are later omitted."""
     west, south, east, north = field.boundary.bounds
     x, y = (west + east) / 2, (south + north) / 2
     if max(abs(x), abs(y)) <= CENTRED_M or file.origin is not None or not (field.plane or any(field.shift)):

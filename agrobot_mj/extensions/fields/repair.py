@@ -124,20 +124,16 @@ def _simplified(points: Array, what: str, notes: list[str]) -> Array:
 
 
 def _without_equal(points: Array, kept: Index) -> Index:
-    """Return those of the indices `kept` whose ring point differs from the previous kept point.
-
-    The last points also differ from the first point.
-    """
+    """Return those of the indices `kept` whose ring point differs from the previous kept point. The last points also
+    differ from the first point."""
     found: Index = kept[distinct(points[kept])]
     near_start = np.hypot(*(points[found] - points[found[0]]).T) < CLOSEST_M
     return found[: np.flatnonzero(~near_start)[-1] + 1] if not near_start.all() else found[:1]
 
 
 def _without_repeats(points: Array, what: str, notes: list[str]) -> Index:
-    """Return the indices of the ring points without repeated points.
-
-    A note about repeated points is appended to `notes`, except for the last point of a closed ring.
-    """
+    """Return the indices of the ring points without repeated points. A note about repeated points is appended to
+    `notes`, except for the last point of a closed ring."""
     closed = len(points) > 1 and np.hypot(*(points[0] - points[-1])) < CLOSEST_M
     kept = np.arange(len(points) - closed)
     if len(kept) < 2:

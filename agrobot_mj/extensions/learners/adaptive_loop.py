@@ -245,10 +245,8 @@ def _rate(sides: tuple[Side, Side], v: float) -> float:
 
 
 def _updated(side: Side, v: float, rate: float, noise: float, forgetting: float) -> Side:
-    """Return the valve parameters after one least-squares update with the equation rate = gain v - offset.
-
-    `noise` is the variance of the rate [rad2/s2]. Forgetting increases the covariance only in the excited direction.
-    """
+    """Return the valve parameters after one least-squares update with the equation rate = gain v - offset. `noise` is
+    the variance of the rate [rad2/s2]. Forgetting increases the covariance only in the excited direction."""
     a, b, c = side.P
     g_1, g_2 = a * v - b, b * v - c  # P phi with phi = (v, -1)
     total = g_1 * v - g_2 + noise

@@ -113,10 +113,8 @@ def _slowest(speed: TimeSeries, t: float) -> float:
 
 
 def _by_steering(recording: FieldRecording, borders: Array, signs: Array) -> Array | None:
-    """Return the direction (1 or -1) of each section that best explains the yaw rate, or None if the fit is poor.
-
-    Most of the distance is assumed to be forwards. Centre, scale and sign of the steering sensor may be unknown.
-    """
+    """Return the direction (1 or -1) of each section that best explains the yaw rate, or None if the fit is poor. Most
+    of the distance is assumed to be forwards. Centre, scale and sign of the steering sensor may be unknown."""
     if recording.steer is None or recording.yaw_rate is None or len(signs) > MOST_LEGS:
         return None
     t, rate = recording.yaw_rate

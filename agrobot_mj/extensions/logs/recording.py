@@ -234,9 +234,7 @@ class _Reader(NamedTuple):
 
     def _local_places(self, c: PositionColumns) -> tuple[Mask, Array]:
         """Return a mask of the rows with accepted positions, and these positions in the local plane, shape (n, 2) [m].
-
-        Raises `FieldLogError` for unsuitable columns.
-        """
+        Raises `FieldLogError` for unsuitable columns."""
         first, second = _names(c)
         a, b = self.data[first], self.data[second]
         good = np.isfinite(a) & np.isfinite(b)
@@ -299,10 +297,8 @@ class _Reader(NamedTuple):
 def _derived(
     heading: TimeSeries | None, position: TimeSeries | None, speed: TimeSeries
 ) -> tuple[TimeSeries | None, str]:
-    """Return the yaw rate of a log without a gyro, and its source: the heading or, without a heading, the course.
-
-    The course includes errors due to sideslip and tilt.
-    """
+    """Return the yaw rate of a log without a gyro, and its source: the heading or, without a heading, the course. The
+    course includes errors due to sideslip and tilt."""
     if heading is not None:
         return slope_of(heading), "heading"
     if position is None:

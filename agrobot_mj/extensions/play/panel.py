@@ -216,11 +216,8 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
     def _slider(
         self, name: str, label: str, value: float, low: float, high: float, live: bool = False, kept: bool = False
     ) -> None:
-        """Draw a slider with the range `low` to `high`.
-
-        The value is sent when the slider is released and, if `live`, while it is dragged. If `kept`, the value is only
-        sent at a restart.
-        """
+        """Draw a slider with the range `low` to `high`. The value is sent when the slider is released and, if `live`,
+        while it is dragged. If `kept`, the value is only sent at a restart."""
         imgui.SetNextItemWidth(LABEL)
         changed, new = imgui.SliderFloat(f"{label}##{name}", self.edited.get(name, value), low, high, "%.2f")
         if changed:

@@ -118,10 +118,8 @@ class PlaySession:
             self.message = f"{kind} for {seconds:g} s"
 
     def _script(self, ended: list[str], begun: list[tuple[str, dict[str, Any], float | None]]) -> bool:
-        """End the faults of the quantities `ended` and start the faults `begun` at the next tick.
-
-        Return whether this succeeds. If the scenario is invalid, the drive is unchanged and `message` has the reason.
-        """
+        """End the faults of the quantities `ended` and start the faults `begun` at the next tick. Return whether this
+        succeeds. If the scenario is invalid, the drive is unchanged and `message` has the reason."""
         if self.sim.done:
             return False
         now = (self.ticks + 1) * TICK_S

@@ -106,10 +106,8 @@ def _limit(part: Part, share: float) -> str:
 def _tyres(
     model: mujoco.MjModel, data: mujoco.MjData, tyres: TyreSet, tractor: TractorParameters, tyre: TyreBase
 ) -> tuple[Sprung, ...]:
-    """Return the springs and dampers of the tractor's tyres in the vertical, longitudinal and lateral directions.
-
-    The longitudinal carcass spring is attached to the rotating wheel, the other springs to the carrier of the wheel.
-    """
+    """Return the springs and dampers of the tractor's tyres in the vertical, longitudinal and lateral directions. The
+    longitudinal carcass spring is attached to the rotating wheel, the other springs to the carrier of the wheel."""
     wheels = tuple(int(model.body(f"wheel_{name}").id) for name in WHEELS)
     carriers = tuple(int(model.body_parentid[body]) for body in wheels)
     points = data.xpos[list(wheels)] - np.outer(tyres.radius, [0.0, 0.0, 1.0])

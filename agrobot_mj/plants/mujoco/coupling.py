@@ -77,8 +77,8 @@ def impedance(solimp: Array, error: float) -> float:
 
 @kernel
 def coupled(v: Views, side: int) -> Vector:
-    """Return gear ratio d(knuckle)/d(crank), reference acceleration a_ref and regularisation R of one coupling
-    (`side`)."""
+    """Return gear ratio d(knuckle)/d(crank), reference acceleration a_ref and regularisation R of the coupling on a
+    `side`."""
     c, i = v.coupling, v.coupling.rows[side]
     p, delta, knuckle = c.eq_data[i], v.qpos[v.steer_q], c.knuckles_v[side]
     square = delta * delta

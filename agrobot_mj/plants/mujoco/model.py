@@ -110,9 +110,7 @@ def _own(machine: Machine) -> mujoco.MjSpec:
 
 def _size_front_axle(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
     """Scale the axle, knuckles and crank: masses with the tractor's mass, inertia and damping with mass times track^2.
-
-    Without scaling, the stiff cylinder of a large machine would cause vibrations of a small crank.
-    """
+    Without scaling, the stiff cylinder of a large machine would cause vibrations of a small crank."""
     mass = tractor.mass_kg / COMPACT.mass_kg
     moment = mass * (tractor.track_m / COMPACT.track_m) ** 2
     for name in ("front_axle", "crank", "knuckle_fl", "knuckle_fr"):

@@ -185,9 +185,7 @@ def _held(drift: float, used: float, where: str) -> str:
 
 def _rolling(found: Settled, machine: Machine, where: str, along: float) -> str:
     """Return the reason why the wheels roll, or an empty string if the drive torque suffices to hold the tractor.
-
-    `along` is the slope in the heading direction [rad].
-    """
+    `along` is the slope in the heading direction [rad]."""
     tractor, driveline = machine.tractor, machine.driveline
     needed = found.mass * GRAVITY * abs(sin(along)) * tractor.rear_wheel_radius_m
     strength = driveline.strength(tractor)

@@ -80,10 +80,8 @@ def _sets(path: str, title: str, k: str, families: tuple[str, ...], columns: Seq
 
 
 def _rule(column: str) -> Series:
-    """Return the plot line of a rule consequent.
-
-    The colour of the line depends on the fuzzy set of x2, and its width depends on the fuzzy set of x1.
-    """
+    """Return the plot line of a rule consequent. The colour of the line depends on the fuzzy set of x2, and its width
+    depends on the fuzzy set of x1."""
     i, j = (int(number) for number in column.split("_")[1:])
     return Series(f"{i},{j}", column, COLOURS[j % len(COLOURS)], wider=i)
 

@@ -92,10 +92,8 @@ class Sink:
 
 
 def _make(path: Path) -> None:
-    """Create an empty file in place of a link or an earlier recording.
-
-    Raise OSError if this fails, and `ScenarioError` if the folder contains files of other programs.
-    """
+    """Create an empty file in place of a link or an earlier recording. Raise OSError if this fails, and `ScenarioError`
+    if the folder contains files of other programs."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if owned(path.parent) is not None or not any(path.parent.iterdir()):
         claim(path.parent, [path.name])

@@ -17,10 +17,8 @@ from agrobot_mj.core.interrupts import held_back
 
 
 def _launched() -> tuple[str, ...]:
-    """Return the command that starts Rerun.
-
-    On Linux the command starts the binary directly, so that the system can end the binary together with its parent.
-    """
+    """Return the command that starts Rerun. On Linux the command starts the binary directly, so that the system can end
+    the binary together with its parent."""
     spec = find_spec("rerun_cli")
     program = Path(spec.origin).with_name("rerun") if spec and spec.origin else None
     if sys.platform.startswith("linux") and program and program.is_file() and "RERUN_CLI_PATH" not in os.environ:

@@ -249,10 +249,8 @@ def _fine(ground: Ground, field: _Field, fine: Mask, corners: Array, steps: Step
 
 
 def _part(nodes: tuple[Array, Array, Array], tilts: tuple[Array, Array], squares: Array) -> _Part:
-    """Return the mesh part of n tiles.
-
-    `nodes` (x, y, z) [m] and slopes `tilts` have shape (n, rows, columns); `squares` (n,) is the shade of each tile.
-    """
+    """Return the mesh part of n tiles. `nodes` (x, y, z) [m] and slopes `tilts` have shape (n, rows, columns);
+    `squares` (n,) is the shade of each tile."""
     count, rows, columns = nodes[0].shape
     normals = np.stack([-tilts[0], -tilts[1], np.ones(nodes[0].shape)], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)

@@ -64,10 +64,8 @@ def ellipses(p_xx: Array, p_xy: Array, p_yy: Array) -> tuple[Array, Array]:
 
 
 def _laid(axis: Array, dx: Array, dy: Array) -> Array:
-    """Return rotation matrices (n, 3, 3) that align a plane with the ground, whose slopes are `dx`, `dy` (n,) [-].
-
-    Seen from above, the first axis of the plane has the direction `axis` (n, 2).
-    """
+    """Return rotation matrices (n, 3, 3) that align a plane with the ground, whose slopes are `dx`, `dy` (n,) [-]. Seen
+    from above, the first axis of the plane has the direction `axis` (n, 2)."""
     first = np.column_stack([axis, axis[:, 0] * dx + axis[:, 1] * dy])
     normal = np.column_stack([-dx, -dy, np.ones(len(dx))])
     first, normal = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (first, normal))

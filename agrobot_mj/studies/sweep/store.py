@@ -283,10 +283,8 @@ UNFIT = (pa.ArrowException, OverflowError, TypeError, ValueError)
 
 
 def _odd_value(rows: list[dict[str, Any]]) -> tuple[int, str, Any] | None:
-    """Return the run number, column and value of the first value that does not fit the type of its column.
-
-    Return None if all values fit.
-    """
+    """Return the run number, column and value of the first value that does not fit the type of its column. Return None
+    if all values fit."""
     for name in dict.fromkeys(name for row in rows for name in row):
         values = [(row["run"], row[name]) for row in rows if row.get(name) is not None]
         kinds = Counter(_kind(value) for _, value in values)

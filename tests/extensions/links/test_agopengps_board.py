@@ -120,7 +120,7 @@ def test_board_without_latch_also_ignores_a_host_engaged_at_power_up():
     assert not Rig(latch_s="never").tick(on(), 40).engaged
 
 
-def test_board_disengages_after_a_message_outage_without_board_ticks():
+def test_board_disengages_at_the_first_tick_after_a_long_message_outage():
     rig = engaged()
     rig.t += 10.0
     assert not rig.tick(on(radians(30))).engaged

@@ -245,7 +245,7 @@ def test_limit_result_reports_unexpected_outcomes():
     assert {t.ends for t in told if t.unexpected} == {"2 rolled_over", "12 rolled_over"}
 
 
-def test_error_condition_for_a_scenario_expected_to_fail_is_rejected():
+def test_limit_search_rejects_an_error_condition_if_failure_is_expected():
     scenario = load_scenario("rollover", {"duration_s": 1.0})
     for until, refused in (("xte_rms > 0.5", True), ("xte_rms > 0.5 or outcome != completed", False)):
         question = Question("terrain.grade_deg", 5.0, 35.0, until)

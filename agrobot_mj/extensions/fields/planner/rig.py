@@ -58,10 +58,8 @@ def implement_boxes(rig: FieldMachine, x: Array, y: Array, yaw: Array) -> Array:
 
 
 def _boxes(x: Array, y: Array, yaw: Array, front: float, rear: float, side: float) -> Array:
-    """Return a rectangle at each of n poses, as polygons (n,).
-
-    `front`, `rear` and `side` are coordinates of the edges relative to the pose [m], positive ahead and to the left.
-    """
+    """Return a rectangle at each of n poses, as polygons (n,). `front`, `rear` and `side` are coordinates of the edges
+    relative to the pose [m], positive ahead and to the left."""
     ahead, left = np.array([front, rear, rear, front]), np.array([side, side, -side, -side])
     c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
     corners = np.stack([x[:, None] + c * ahead - s * left, y[:, None] + s * ahead + c * left], axis=2)

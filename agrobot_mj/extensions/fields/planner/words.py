@@ -113,11 +113,8 @@ def _solutions(word: Word, goal: Pose, bends: Bends) -> Iterator[tuple[Piece, ..
 
 
 def _pieces(word: Word, values: tuple[float, float, float], bends: Bends) -> Iterator[Piece]:
-    """Yield the path segments of a connection between two poses.
-
-    `values` are bend angles [rad] and the length of a straight segment [m]. A negative angle exchanges left and right
-    of the bend.
-    """
+    """Yield the path segments of a connection between two poses. `values` are bend angles [rad] and the length of a
+    straight segment [m]. A negative angle exchanges left and right of the bend."""
     sides = (word.first, word.middle, word.last)
     for k, (side, value) in enumerate(zip(sides, values, strict=True)):
         if side == 0:
@@ -151,10 +148,8 @@ def _refined(
 
 
 def _displacement(side: int, angle: float, backwards: bool, bends: Bends) -> tuple[float, float, float]:
-    """Return the end of a bend relative to its start pose: ahead [m], left [m] and heading change [rad].
-
-    The bend is symmetric about a line through its centre.
-    """
+    """Return the end of a bend relative to its start pose: ahead [m], left [m] and heading change [rad]. The bend is
+    symmetric about a line through its centre."""
     turned = abs(angle)
     if turned < LEAST_ANGLE:
         return 0.0, 0.0, 0.0

@@ -199,10 +199,8 @@ def fit(data: VehicleData, names: Sequence[str], priors: Mapping[str, Prior] | N
 
 
 def _minimum(problem: Problem, units: _Units, start: Array, ftol: float, evaluations: int = 60) -> OptimizeResult:
-    """Minimise the squared residuals, starting from `start`. The result contains scaled parameters.
-
-    The parameters are scaled, because the tolerance of the solver applies to their norm.
-    """
+    """Minimise the squared residuals, starting from `start`. The result contains scaled parameters. The parameters are
+    scaled, because the tolerance of the solver applies to their norm."""
     scale = units.scale
     return least_squares(
         lambda z: np.concatenate([problem.blocks(z * scale).ravel(), units.known(z * scale)]),

@@ -27,7 +27,8 @@ NOT_FOUND = "not_found"  # Verdict of a search without a failing combination
 
 
 class Varied(NamedTuple):
-    """Key that the search varies, with its unit of distance: the width of its range, or its standard deviation."""
+    """Key that the search varies. Its distance from the start value is measured in widths of its range, or in standard
+    deviations."""
 
     key: str
     start: float  # Value at distance 0: the mild end of the range, or the mean

@@ -114,10 +114,8 @@ class _Search:
         return tuple(sorted(self.tried.values(), key=lambda tried: abs(tried.value - self.q.start)))
 
     def _goes_on(self) -> bool:
-        """Continue the search and return whether runs were added.
-
-        The search evaluates a value between the last success and the first failure, or adds runs at both values.
-        """
+        """Continue the search and return whether runs were added. The search evaluates a value between the last success
+        and the first failure, or adds runs at both values."""
         tried = self.in_order
         change = next(((a, b) for a, b in pairwise(tried) if a.holds and not b.holds), None)
         if change and tried[0].holds:
