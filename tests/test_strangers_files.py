@@ -294,7 +294,7 @@ def test_truncated_sweep_plan_is_reported_and_fresh_option_replaces_it(call, sou
     assert len(rows("out")) == 4
 
 
-def test_fresh_shard_keeps_the_rows_of_other_shards(call, sources, place):
+def test_repeated_sweep_shard_keeps_the_result_rows_of_other_shards(call, sources, place):
     def shard(k, *more):
         return call("sweep", sources / "small.toml", "--jobs", 1, "--shard", f"{k}/2", "--out", "sh", *more)[0]
 

@@ -33,7 +33,7 @@ def test_run_without_extras_prints_one_line_and_writes_no_recording(lean, tmp_pa
     assert (asked_for.returncode, asked_for.stderr) == (0, "")
 
 
-def test_comparison_without_extras_has_rows_but_no_figures(lean, tmp_path):
+def test_comparison_without_extras_has_result_rows_but_no_figures(lean, tmp_path):
     arguments = ("compare", "circle", "--controllers", "pd", "--plants", "bicycle", *SHORT[:2], "--jobs", "1")
     done = lean(*arguments, "--out", "both", "--quiet")
     assert (done.returncode, done.stderr.splitlines()) == (0, [RECORDING, FIGURES])

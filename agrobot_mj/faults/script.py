@@ -52,7 +52,7 @@ def clashes(faults: Sequence[Scripted]) -> list[str]:
 
 
 def loadings(faults: Sequence[Scripted]) -> list[tuple[int, tuple[PointMass, ...]]]:
-    """Return the point masses that are active at each start and end of a payload fault, with the index of the fault."""
+    """Return, for each start and end of a payload fault, the fault's index and the point masses active at this time."""
     found = []
     for k, fault in enumerate(faults):
         if isinstance(fault, Payload):

@@ -36,7 +36,7 @@ def send(*numbers):
         os.kill(os.getpid(), number)
 
 
-def test_signal_handlers_run_at_the_end_of_the_outermost_block(received):
+def test_signal_handlers_run_at_the_end_of_the_outermost_with_block(received):
     with held_back():
         with held_back():
             send(signal.SIGINT, signal.SIGUSR1)
@@ -92,13 +92,13 @@ def test_default_and_ignored_signal_actions_remain_unchanged(received):
             signal.signal(number, old)
 
 
-def test_signal_handler_set_inside_a_block_remains_set_afterwards(received):
+def test_signal_handler_set_inside_a_with_block_remains_set_afterwards(received):
     with held_back():
         signal.signal(signal.SIGINT, raising)
     assert signal.getsignal(signal.SIGINT) is raising
 
 
-def test_signal_handler_saved_inside_a_block_works_afterwards(received):
+def test_signal_handler_saved_inside_a_with_block_works_afterwards(received):
     with held_back():
         saved = signal.signal(signal.SIGINT, raising)
     signal.signal(signal.SIGINT, saved)
@@ -106,7 +106,7 @@ def test_signal_handler_saved_inside_a_block_works_afterwards(received):
     assert received == [signal.SIGINT]
 
 
-def test_signal_interrupts_a_block_that_exceeds_its_time_limit(received, monkeypatch):
+def test_signal_interrupts_a_with_block_that_exceeds_its_time_limit(received, monkeypatch):
     monkeypatch.setattr(interrupts, "PATIENCE_S", -1.0)
     signal.signal(signal.SIGINT, raising)
     with held_back(), pytest.raises(StoppedError):
@@ -114,7 +114,7 @@ def test_signal_interrupts_a_block_that_exceeds_its_time_limit(received, monkeyp
     assert signal.getsignal(signal.SIGINT) is raising
 
 
-def test_delayed_signal_is_handled_after_a_compilation_in_a_slow_block(received, monkeypatch):
+def test_delayed_signal_is_handled_after_compilation_in_a_slow_with_block(received, monkeypatch):
     monkeypatch.setattr(interrupts, "PATIENCE_S", 0.0)
     with held_back():
         with until_the_end(), until_the_end():

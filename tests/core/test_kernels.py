@@ -130,7 +130,7 @@ def halves(half: Half, more: Vector) -> tuple[Half, float]:
     return Half(0.5 * half.value, half.parts), half.value + more[0]
 
 
-def test_argument_types_of_a_stage_come_from_its_annotations():
+def test_argument_types_of_a_stage_function_come_from_its_annotations():
     halved, more = stage(halves), np.array([0.25])
     assert halved(Half(1, (2, True)), more) == (Half(0.5, (2, True)), 1.25)
     found, total = halved(Half(1.5, (3, False)), more)
@@ -223,13 +223,13 @@ def test_state_held_by_reference_is_immutable_and_can_be_pickled():
 
 
 @compiled
-def test_stage_rejects_a_state_that_is_not_held_by_reference():
+def test_stage_function_rejects_a_state_that_is_not_a_reference():
     with pytest.raises(TypeError, match=r"scaled: argument 1 must be a reference from held\(\), got Pair"):
         scaled(Pair(2.0, np.zeros(3)), 3.0)
 
 
 @compiled
-def test_stage_returns_a_state_reference_and_frees_unused_states():
+def test_stage_function_returns_a_state_reference_and_frees_unused_states():
     state = held(Pair(2.0, np.zeros(3)))
     assert type(scaled(state, 3.0)[0]) is Reference
     _nrt_python.memsys_enable_stats()
@@ -253,7 +253,7 @@ def scaled_in(scaling: Scaling) -> float:
     return scaling.by * fetched(scaling.pair).numbers[1]
 
 
-def test_compiled_stage_releases_state_held_by_a_named_tuple():
+def test_compiled_function_frees_a_state_referenced_by_a_named_tuple():
     assert scaled_in(Scaling(held(Pair(2.0, np.array([1.0, 4.0]))), 3.0)) == 12.0
 
     def work():

@@ -105,7 +105,7 @@ def test_cross_track_error_at_path_ends_uses_a_straight_extension() -> None:
     assert found.offset == pytest.approx([0.2, -0.1, -0.3], abs=1e-6)
 
 
-def test_cross_track_error_is_missing_without_rows_or_positions() -> None:
+def test_cross_track_error_is_missing_without_log_rows_or_positions() -> None:
     assert track(LaneChange(), *(np.empty(0),) * 3).offset.size == 0
     lost = track(LaneChange(), np.array([1.0, 2.0]), np.array([np.nan, 1e300]), np.array([0.0, np.inf]))
     assert np.isnan(lost.offset).all()

@@ -35,7 +35,7 @@ def test_lag_or_lead_of_the_tractor_is_reported_only_if_significant(behind, text
     assert lag_of(log(speed=2.0, reference=2.0, behind=behind)).text == text
 
 
-def test_lag_metric_is_none_without_two_rows_of_finite_values():
+def test_lag_metric_is_none_without_two_log_rows_of_finite_values():
     assert lag_of(log(1.0, 1.0, seconds=0.05)) is None
     assert lag_of(log(1.0, 1.0, seconds=0.0)) is None
     assert lag_of(log(1.0, 1.0, behind=np.nan)) is None

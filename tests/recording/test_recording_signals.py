@@ -55,7 +55,7 @@ def test_plotted_values_equal_the_signal_table(eight, worn, signals, plot):
         check_plot(worn, {name: worn.log.column(name) for name in worn.log.rows.columns}, plot)
 
 
-def test_plotted_steering_command_is_the_sum_of_its_plotted_parts(eight):
+def test_plotted_steering_command_is_the_sum_of_its_plotted_components(eight):
     _, values = scalars(eight, "control/command")
     total, pd, network = values.T / DEG
     np.testing.assert_allclose(total, eight.log.column("steer_ref"), rtol=1e-14)

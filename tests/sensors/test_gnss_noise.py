@@ -70,7 +70,7 @@ def test_default_gnss_noise_equals_the_published_values():
 
 
 @pytest.mark.parametrize("lag_s", [0.0, 0.05, 1.0, LONGEST_LAG_S])
-def test_gnss_autocovariance_is_the_sum_of_its_error_parts(lag_s):
+def test_gnss_autocovariance_is_the_sum_of_its_error_components(lag_s):
     """The mean is over runs from the stationary distribution, because a time mean would remove the slow component."""
     pairs = errors_of_runs()[:, [0, round(lag_s / DT)]]
     for axis, scale in enumerate((1.0, 1.0, REAL.height_ratio**2)):
@@ -81,7 +81,7 @@ def test_gnss_autocovariance_is_the_sum_of_its_error_parts(lag_s):
 
 
 @pytest.mark.parametrize("tau_s", [0.05, 0.5, 2.0, 10.0])
-def test_gnss_allan_deviation_is_the_sum_of_its_error_parts(tau_s):
+def test_gnss_allan_deviation_is_the_sum_of_its_error_components(tau_s):
     """A stationary series with autocovariance C has second differences of variance 6 C(0) - 8 C(tau) + 2 C(2 tau)."""
     error, ticks = long_errors(), round(tau_s / DT)
     second = 6 * variance_of_sum(REAL, 0) - 8 * variance_of_sum(REAL, tau_s) + 2 * variance_of_sum(REAL, 2 * tau_s)
@@ -108,14 +108,14 @@ def test_gnss_errors_in_east_and_north_are_independent():
     assert np.abs(np.corrcoef(error.T)[np.triu_indices(3, 1)]).max() < 5 / sqrt(1500)
 
 
-def test_additional_error_part_does_not_change_other_noise():
+def test_additional_error_component_does_not_change_other_noise():
     """With an additional component, the error of the paper is bit-identical."""
     plain, more = Gnss(), Gnss(drift_sigma_m=0.01)
     drift = Gnss(sigma_m=0.0, drift_sigma_m=0.01)
     assert errors(more, 50) == pytest.approx(errors(plain, 50) + errors(drift, 50), abs=1e-12)
 
 
-def test_error_parts_of_a_fixed_solution_are_absent_in_a_float_solution():
+def test_float_solution_has_no_error_components_of_a_fixed_solution():
     plain, more = Gnss(), Gnss(drift_sigma_m=5.0, multipath_sigma_m=5.0)
     assert np.array_equal(errors(plain, 50, quality=Quality.FLOAT), errors(more, 50, quality=Quality.FLOAT))
 

@@ -89,7 +89,7 @@ def test_observers_do_not_change_the_signals_of_a_run():
 # --- ends of a run ------------------------------------------------------------------------------------------------
 
 
-def test_run_has_one_row_per_tick_starting_at_zero():
+def test_log_has_one_row_per_tick_starting_at_zero():
     log = run(short(seconds=3.0))
     assert log.outcome == "completed"
     assert log.column("t") == pytest.approx(0.05 * np.arange(60))
@@ -140,7 +140,7 @@ def test_diverging_physics_ends_the_run_before_the_sensors_are_evaluated(tmp_pat
 
 
 @pytest.mark.usefixtures("single_ticks")
-def test_stop_request_aborts_the_run_and_keeps_its_rows():
+def test_stop_request_aborts_the_run_and_keeps_its_log_rows():
     asked = iter(range(1000))
     log = run(short(seconds=30.0), should_stop=lambda: next(asked) == 17)
     assert log.outcome == "aborted"
@@ -156,7 +156,7 @@ def test_impossible_tractor_is_rejected_as_invalid_input():
 # --- watchers -----------------------------------------------------------------------------------------------------
 
 
-def test_observers_receive_every_row_once_in_chunks(monkeypatch):
+def test_observers_receive_every_log_row_once_in_groups_of_rows(monkeypatch):
     monkeypatch.setattr(import_module("agrobot_mj.simulation.run"), "REPORT_S", 1e9)  # none earlier on a busy machine
     monkeypatch.setattr(import_module("agrobot_mj.simulation.run"), "CHUNK_TICKS", 100)
     witness = Witness()
@@ -171,7 +171,7 @@ def test_observers_receive_every_row_once_in_chunks(monkeypatch):
     assert witness.heard[-1] == ("finish", "completed", True)
 
 
-def test_observers_receive_all_rows_of_a_run_that_ends_early():
+def test_observers_receive_all_log_rows_of_a_run_that_ends_early():
     witness = Witness()
     log = run(short(seconds=60.0, terrain__half_size_m=4.0, plant__kind="bicycle"), (witness,))
     assert witness.seen == log.signals.num_rows

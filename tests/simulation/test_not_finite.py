@@ -234,7 +234,7 @@ def test_non_finite_optional_measurements_are_ignored_and_counted(monkeypatch):
     assert np.isfinite(log.column("yaw_rate_hat")).all()
 
 
-def test_run_that_diverges_while_settling_has_one_row_without_values(monkeypatch, tmp_path):
+def test_run_that_diverges_while_settling_has_one_log_row_without_values(monkeypatch, tmp_path):
     scenario = load_scenario("figure_eight", SHORT)
     monkeypatch.setattr(BicyclePlant, "trouble", lambda plant: "diverged")
     sim = Simulation(scenario)

@@ -194,7 +194,7 @@ def test_results_of_other_library_versions_are_repeated_not_merged(call, driven,
     assert {row["identity"].partition("-00000000-")[2] for row in rows} == {f"00000000-{code_text()[9:]}"}
 
 
-def test_report_rejects_rows_from_different_code_versions(call, tmp_path):
+def test_report_rejects_result_rows_from_different_code_versions(call, tmp_path):
     written(tmp_path, mine_toml='[path]\nkind = "line"\n')
     call(*COMPARE, "--seeds", 2)
     assert call("report", "out")[0] == 0

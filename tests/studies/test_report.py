@@ -230,7 +230,7 @@ def test_comparison_table_legend_explains_exactly_the_table_columns() -> None:
     assert [line.partition("  ")[0] for line in legend(text)] == cells(text)[0][3:]
 
 
-def test_each_seed_has_a_separate_row_and_error_ratio() -> None:
+def test_each_seed_has_a_separate_table_row_and_error_ratio() -> None:
     runs_of = ((1, "pd", 1), (1, "x", 2), (2, "pd", 4), (2, "x", 2))
     lines = cells(table([row("mujoco", controller, mse, seed) for seed, controller, mse in runs_of]))[2:]
     assert [line[2] for line in lines] == ["1", "1", "2", "2"]

@@ -61,7 +61,7 @@ def test_load_oscillation_by_less_than_half_is_not_counted_as_a_pass(least, more
         assert cell.sinkage / first == pytest.approx(101 ** (1 / SOIL.multipass), rel=0.02)
 
 
-def test_stored_soil_cell_yields_like_a_single_soil_cell():
+def test_soil_cell_in_a_tile_array_yields_like_a_separate_soil_cell():
     """The cell is loaded, unloaded and loaded again, each time from its previous state."""
     cells, at, cell = np.zeros((3, TILE, TILE, VALUES)), (2, 5, 7), FRESH
     for depth in (0.01, 0.02, 0.012, 0.021, 0.03):

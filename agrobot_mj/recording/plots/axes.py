@@ -82,7 +82,7 @@ def frame(t: Array, numbers: Array, plot: Plot, beside: bool) -> Frame:
 
 
 def legend_size(names: Sequence[str], of: tuple[float, float] = PLOT_PIXELS) -> tuple[float, float]:
-    """Return width and height of a legend with `names`, divided by width and height `of` the plot [pixels]."""
+    """Return the width and height of a legend with the entries `names`, as fractions of the plot size `of` [pixels]."""
     (width, character, height, line), most = LEGEND_PIXELS, max(map(len, names), default=0)
     return (width + character * most) / of[0], (height + line * len(names)) / of[1]
 

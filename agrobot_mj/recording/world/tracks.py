@@ -70,8 +70,7 @@ class Tracks:
         self._send_fixes(stream, times[ends - 1], first, ends)
 
     def _strips(self, track: DrawnTrack, first: int, ends: Index) -> pa.Array:
-        """Return the track segments that end before the log rows `first + ends`; each segment continues the previous
-        segment."""
+        """Return consecutive segments of a track. Segment number k ends before the log row `first + ends[k]`."""
         before = min(first, 1)
         x, y = (self.rows.column(name, first - before)[: before + ends[-1]] for name in (track.x, track.y))
         points = on_ground(self.ground, np.column_stack([x, y]), track.lift_m)

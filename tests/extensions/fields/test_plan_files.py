@@ -38,7 +38,7 @@ def states(legs):
     return [(leg.working, leg.reverse, leg.speed_m_s) for leg in legs]
 
 
-def test_geojson_lines_are_read_as_legs_with_their_properties(tmp_path):
+def test_geojson_lines_become_plan_legs_with_work_direction_and_speed(tmp_path):
     lines = [
         line(degrees(OUT), speed=2.5, type="swath"),
         line(degrees([OUT[1], BACK[0]]), speed_kmh=3.6, type="turn"),
@@ -50,7 +50,7 @@ def test_geojson_lines_are_read_as_legs_with_their_properties(tmp_path):
     np.testing.assert_allclose(legs[2].points, BACK, atol=1e-3)
 
 
-def test_plan_table_is_divided_into_legs_at_changes_of_state(tmp_path):
+def test_plan_table_is_divided_where_work_or_direction_changes(tmp_path):
     rows = [
         (10, 10, 2, "on", 1),
         (100, 10, 2, "on", 1),

@@ -234,7 +234,7 @@ def test_report_command_names_the_existing_report_of_a_twin(call, tmp_path):
     assert call("report", "mine") == (2, "", "mine: twin has already written its report, report.html, to this folder\n")
 
 
-def test_unknown_part_for_the_twin_command_is_reported(call):
+def test_unknown_analysis_name_for_the_twin_command_is_reported(call):
     status, _, err = call("twin", "log.csv", "--only", "calibrat")
     assert status == 2
     assert err.startswith("--only calibrat: unknown part; did you mean 'calibrate'")

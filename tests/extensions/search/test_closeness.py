@@ -65,7 +65,7 @@ def test_failure_margin_does_not_anticipate_an_early_end_of_the_run():
         assert close[-1] == pytest.approx(largest[int(0.95 * (ticks - 1))] / 0.02 - 1)
 
 
-def test_margin_of_a_combined_condition_is_minimum_or_maximum_of_parts(log):
+def test_margin_of_a_combined_condition_follows_from_its_parts(log):
     a, b = (Closeness(f"{name} > {c}")(log) for name, c in (("xte_abs_max", 0.02), ("lateral_rms", 0.5)))
     assert Closeness("xte_abs_max > 0.02 or lateral_rms > 0.5")(log) == pytest.approx(np.maximum(a, b))
     assert Closeness("xte_abs_max > 0.02 and lateral_rms > 0.5")(log) == pytest.approx(np.minimum(a, b))
@@ -82,7 +82,7 @@ def test_failure_margin_by_a_score_signal_is_its_magnitude(log):
     assert Closeness("xte_rms > 1", "yaw_rate")(log) == pytest.approx(np.abs(log.column("yaw_rate")))
 
 
-def test_level_increases_whenever_the_run_comes_closer_to_failure(log):
+def test_failure_level_increases_when_the_run_comes_closer_to_failure(log):
     found, close = Rises(Closeness("xte_abs_max > 0.02"))(log), Closeness("xte_abs_max > 0.02")(log)
     assert found["ticks"] == 80
     ticks, levels = zip(*found["rises"], strict=True)

@@ -187,7 +187,7 @@ def claims(found):
 
 @pytest.mark.parametrize("name", ["importance", "importance_sobol"])
 @pytest.mark.parametrize("function", ["ishigami", "linear"])
-def test_shipped_designs_rank_inputs_of_known_functions_correctly(name, function):
+def test_sampling_designs_rank_the_inputs_of_known_functions_correctly(name, function):
     """The plan defines points and seeds, for 20 seeds of the design. Noise has a fifth of the standard deviation."""
     pytest.importorskip("SALib", reason="SALib is not installed: pip install 'agrobot-mj[studies]'")
     sweep = read_sweep(name)

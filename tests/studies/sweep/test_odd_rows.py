@@ -74,7 +74,7 @@ def test_error_for_a_value_of_the_wrong_type_names_its_file(whole, tmp_path, cal
         lambda row: row.clear(),
     ],
 )
-def test_sweep_run_whose_row_has_no_outcome_is_simulated_again(whole, tmp_path, call, change):
+def test_sweep_run_whose_result_row_has_no_outcome_is_simulated_again(whole, tmp_path, call, change):
     file = edited(whole, tmp_path, change)
     status, out, err = call(file, "--jobs", "1", "--out", file.parent / "out", "--quiet")
     assert (status, "Traceback" in err) == (0, False), err

@@ -156,7 +156,7 @@ def test_gaps_of_a_signal_do_not_change_its_reported_sample_rate():
 # --- the command --------------------------------------------------------------------------------------------------
 
 
-def test_describe_names_the_reader_and_missing_quantities(tmp_path, call):
+def test_describe_command_names_the_log_reader_and_missing_quantities(tmp_path, call):
     (tmp_path / "capture.bin").write_bytes(
         "\n".join(checked(BOARD.replace("120000.10", f"1200{k:02d}.10")) for k in range(20)).encode()
     )
@@ -203,7 +203,7 @@ def test_describe_with_a_map_names_missing_quantities(tmp_path, call):
         ),
     ],
 )
-def test_describe_lists_the_possible_uses_of_a_log(tmp_path, call, rows, told):
+def test_describe_command_lists_the_possible_uses_of_a_log(tmp_path, call, rows, told):
     """The log is a bend at 2 m/s at 20 Hz with a position in every n-th row."""
     lines = ["time_s,steer_angle_deg,speed_km_h,latitude,longitude,fix_quality"]
     for k in range(600):
