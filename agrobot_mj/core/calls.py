@@ -22,7 +22,7 @@ from agrobot_mj.core.kernels import code_of, declared
 
 
 class Linked(NamedTuple):
-    """Stage that compiled code calls by address."""
+    """Compiled function that other compiled code calls by address."""
 
     function: Any  # Compiled function of a tick, a `stage` or the result of `bound`
     law: Held[Any]  # Parameters of the stage

@@ -29,7 +29,7 @@ class Ring(NamedTuple):
 
     @property
     def line(self) -> LinearRing:
-        """Ring as a shapely LinearRing."""
+        """Headland lap as a shapely LinearRing."""
         return LinearRing(self.points)
 
 
