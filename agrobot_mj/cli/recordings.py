@@ -26,7 +26,7 @@ def view(
     from agrobot_mj.recording.transport.mending import whole
 
     _check_recording(file)
-    if not web and not _has_display():
+    if not web and sys.platform.startswith("linux") and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
         remedy = f"`agrobot-mj view --web {file}` (browser) or `agrobot-mj snapshot {file}` (images)"
         raise ScenarioError(f"view: there is no display for the viewer; use {remedy}")
     with interruptible(), whole(file) as readable:
@@ -64,10 +64,6 @@ def snapshot(
         raise typer.Exit(1) from None
     if not quiet:
         say("\n".join(map(str, paths)))
-
-
-def _has_display() -> bool:
-    return not sys.platform.startswith("linux") or any(os.environ.get(key) for key in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
 def _check_recording(file: Path) -> None:

@@ -245,17 +245,19 @@ class YawController(Reporting):
 
     @property
     def interpreted(self) -> bool:
-        """Whether ticks in compiled code must call the Python methods `update` and `relieve`. Default: True."""
-        return True
+        """Whether ticks in compiled code must call the Python methods `update` and `relieve`.
+
+        Default: true unless the class itself defines `linked`, so that a subclass may override any method.
+        """
+        return "linked" not in vars(type(self))
 
     def linked(self, state: Any) -> Linked | None:
         """Return the compiled tick function, its parameters and its state, or None if the next tick needs Python."""
         return None
 
     def resumed(self, state: Any, found: Held[Any], shown: Vector) -> Any:
-        """Return the state after ticks in compiled code. At their end, the state is `found` and the log values are
-        `shown`."""
-        return found
+        """Return the state after ticks in compiled code: `found` is their last state, `shown` their last log values."""
+        return fetched(found)
 
     def relieve(self, state: Any, excess: float) -> Any:
         """Return the state after anti-windup, which limits the integral. The default returns `state` unchanged.

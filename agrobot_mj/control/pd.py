@@ -82,15 +82,6 @@ class Pd(Conventional):
         slope, tau_c = self.conventional(state, yaw_rate_error, dt)
         return slope, YawCommand(clip(tau_c, -steer_limit, steer_limit), tau_c)
 
-    @property
-    def interpreted(self) -> bool:
-        """Whether ticks in compiled code must call the Python method `update`: true for subclasses."""
-        return type(self) is not Pd
-
     def linked(self, state: FilteredRate) -> Linked:
         """Return the compiled tick function of the controller, its parameters and its state."""
         return Linked(_tick, held(self.gains), held(state))
-
-    def resumed(self, state: FilteredRate, found: Held[FilteredRate], shown: Vector) -> FilteredRate:
-        """Return the state after ticks in compiled code, which ended in the state `found`."""
-        return fetched(found)

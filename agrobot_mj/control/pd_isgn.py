@@ -81,15 +81,6 @@ class PdIsgn(Conventional):
     def _law(self) -> IntegralLaw:
         return IntegralLaw(self.gains, self.alpha, self.delta_s)
 
-    @property
-    def interpreted(self) -> bool:
-        """Whether ticks in compiled code must call the Python method `update`: true for subclasses."""
-        return type(self) is not PdIsgn
-
     def linked(self, state: IntegralState) -> Linked:
         """Return the compiled tick function of the controller, its parameters and its state."""
         return Linked(_tick, held(self._law), held(state))
-
-    def resumed(self, state: IntegralState, found: Held[IntegralState], shown: Vector) -> IntegralState:
-        """Return the state after ticks in compiled code, which ended in the state `found`."""
-        return fetched(found)

@@ -92,15 +92,6 @@ class Pi(YawController):
         """Return the state without the last integral step, if this step has the same sign as `excess` [rad]."""
         return relieved(state, excess)
 
-    @property
-    def interpreted(self) -> bool:
-        """Whether ticks in compiled code must call the Python method `update`: true for subclasses."""
-        return type(self) is not Pi
-
     def linked(self, state: PiState) -> Linked:
         """Return the compiled tick function of the controller, its parameters and its state."""
         return Linked(_tick, held(PiGains(self.kp, self.ki)), held(state))
-
-    def resumed(self, state: PiState, found: Held[PiState], shown: Vector) -> PiState:
-        """Return the state after ticks in compiled code, which ended in the state `found`."""
-        return fetched(found)

@@ -138,17 +138,10 @@ def tracking(state: SupervisorState, found: Held[Supervision], pedal: float) -> 
 
     `pedal` is the last measured pedal position [-].
     """
-    now = fetched(found)
-    if state.reckoning.checked is None:
-        return state._replace(watched=now.watched, shown=now.shown, over_s=now.over_s, steer=now.steer, pedal=pedal)
-    reckoning = state.reckoning._replace(
-        sums=(now.sums,),
-        checked=now.checked,
-        checked_t=now.checked_t,
-        references=now.references,
-        distance=now.distance,
-        sigma=now.sigma,
-    )
+    now, reckoning = fetched(found), state.reckoning
+    if reckoning.checked is not None:
+        names = "checked", "checked_t", "references", "distance", "sigma"
+        reckoning = reckoning._replace(sums=(now.sums,), **{name: getattr(now, name) for name in names})
     return state._replace(
         watched=now.watched, shown=now.shown, over_s=now.over_s, steer=now.steer, pedal=pedal, reckoning=reckoning
     )

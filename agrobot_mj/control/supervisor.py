@@ -125,7 +125,8 @@ class Supervisor(SupervisorLimits):
         )
         mode, reason, pedal, steer = state.mode, state.reason, state.pedal, state.steer
         if mode is not Mode.STOPPING:
-            mode = Mode.STOPPING if first >= 0 else self._mode(e, shown[0])
+            late = Mode.COASTING if shown[0] > self.coasting_after_s else Mode.TRACKING
+            mode = Mode.STOPPING if first >= 0 else late if e.aligned else Mode.ALIGNING
             reason = REASONS[first].format(signal) if first >= 0 else ""
             pedal = pedal if mode is state.mode is Mode.COASTING else measured.pedal
         rest = state.neutral_s, state.still_s, state.released or cut, reason, limits, reckoning
@@ -136,11 +137,6 @@ class Supervisor(SupervisorLimits):
     def stopped(self, state: SupervisorState) -> bool:
         """Return whether a controlled stop is complete: the time `still_s` of the state exceeds `settle_s`."""
         return state.mode is Mode.STOPPING and state.still_s > self.settle_s
-
-    def _mode(self, e: Estimate, fix_age: float) -> Mode:
-        if not e.aligned:
-            return Mode.ALIGNING
-        return Mode.COASTING if fix_age > self.coasting_after_s else Mode.TRACKING
 
     def _commanded(
         self, state: SupervisorState, situation: Situation, measured: Measurement, command: Command, dt: float

@@ -23,15 +23,11 @@ def box_in_c() -> None:
 
 def _box_record(kind: Any, value: Any, c: Any) -> Any:
     """Convert a native `value` to a Python named tuple of the numba type `kind`; `c` is numba's conversion context."""
-    new, cls = (_constant(c, part) for part in (tuple.__new__, kind.instance_class))
+    constants = c.env_manager  # the references to the constants of the kernel are borrowed
+    new, cls = (constants.read_const(constants.add_const(part)) for part in (tuple.__new__, kind.instance_class))
     values = box_tuple(kind, value, c)
     arguments = c.pyapi.tuple_pack([cls, values])
     made = c.pyapi.call(new, arguments)
     c.pyapi.decref(arguments)
     c.pyapi.decref(values)
     return made
-
-
-def _constant(c: Any, value: object) -> Any:
-    """Return a borrowed reference to the Python object `value`, stored as a constant of the kernel."""
-    return c.env_manager.read_const(c.env_manager.add_const(value))

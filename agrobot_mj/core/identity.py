@@ -157,8 +157,7 @@ def _take_in(paths: Iterable[Path]) -> None:
             content = path.read_bytes()
             _plugins[path] = digest(content)
             if path.suffix == ".py":
-                todo += [file for each in _imported(content) for file in _files_of(each, False)]
-                todo += _imported_beside(path, content)
+                todo += _imported(path, content)
 
 
 def _files_of(name: str, installed: bool) -> list[Path]:
@@ -188,27 +187,18 @@ def _place(name: str) -> Path | None:
     return Path(place).resolve() if place else None
 
 
-def _imported(content: bytes) -> Iterator[str]:
-    """Yield the names of the modules that a source file imports with absolute imports."""
-    for node in ast.walk(_tree(content)):
+def _imported(path: Path, content: bytes) -> Iterator[Path]:
+    """Yield the files of the modules that a source file imports."""
+    try:
+        tree = ast.parse(content)
+    except (SyntaxError, ValueError):
+        return
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            yield from (file for alias in node.names for file in _files_of(alias.name, False))
         elif isinstance(node, ast.ImportFrom) and not node.level:
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
-
-
-def _imported_beside(path: Path, content: bytes) -> Iterator[Path]:
-    """Yield the files of the modules that a source file imports with relative imports."""
-    for node in ast.walk(_tree(content)):
-        if isinstance(node, ast.ImportFrom) and node.level:
+            yield from (file for alias in node.names for file in _files_of(f"{node.module}.{alias.name}", False))
+        elif isinstance(node, ast.ImportFrom):
             module = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))
             for place in (module, *(module / alias.name for alias in node.names)):
                 yield from (file for file in (place.with_suffix(".py"), place / "__init__.py") if file.is_file())
-
-
-@lru_cache(maxsize=1)
-def _tree(content: bytes) -> ast.Module:
-    try:
-        return ast.parse(content)
-    except (SyntaxError, ValueError):
-        return ast.Module([], [])

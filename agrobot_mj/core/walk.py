@@ -54,14 +54,9 @@ def named_by(words: list[str], text: str) -> bool:
     synonyms."""
     if "".join(words).lower() in re.sub(r"[\s_]", "", text.lower()):
         return True
-    parts = set(re.split(r"[^a-z0-9]+", text.lower()))
-    return all(any(_contains(parts, text.lower(), each) for each in alternatives(word)) for word in words)
-
-
-def _contains(parts: set[str], text: str, word: str) -> bool:
-    """Return whether `word` is one of the words `parts` or, if longer than `SHORT` letters, occurs anywhere in
-    `text`."""
-    return word in parts or (len(word) > SHORT and word in text)
+    small = text.lower()
+    parts = set(re.split(r"[^a-z0-9]+", small))  # only words longer than `SHORT` letters may be parts of other words
+    return all(any(w in parts or (len(w) > SHORT and w in small) for w in alternatives(word)) for word in words)
 
 
 def is_synonym(name: str, known: str) -> bool:

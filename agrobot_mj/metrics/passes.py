@@ -80,7 +80,10 @@ def pass_to_pass(path: Parallel, time: Array, x: Array, y: Array) -> dict[str, A
     """
     passed = driven(path, time, x, y)
     by_line = sorted(passed, key=lambda one: one.line)
-    wide = [_difference(a, b) for a, b in pairwise(by_line)]
+    wide = list[Array]()  # excess widths of the swaths between neighbouring passes at their common stations [m]
+    for right, left in pairwise(by_line):
+        _, a, b = np.intersect1d(right.stations, left.stations, assume_unique=True, return_indices=True)
+        wide.append(left.errors[b] - right.errors[a])
     differences = np.concatenate([np.empty(0), *wide])
     everything = np.concatenate([one.errors for one in passed])
     return {
@@ -120,9 +123,3 @@ def _interpolated(along: Array, errors: Array, low: float, high: float) -> tuple
     low, high = max(low, along[0]), min(high, along[-1])
     stations = np.arange(np.ceil(low / STATION_M - 1e-9), np.floor(high / STATION_M + 1e-9) + 1)
     return stations, np.interp(stations * STATION_M, along, errors)
-
-
-def _difference(right: Passed, left: Passed) -> Array:
-    """Return the actual minus the planned distance between neighbouring passes [m], at their common stations."""
-    _, a, b = np.intersect1d(right.stations, left.stations, assume_unique=True, return_indices=True)
-    return left.errors[b] - right.errors[a]

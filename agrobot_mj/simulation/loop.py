@@ -199,7 +199,8 @@ class Loop:
         state = self.stages
         seen = situation.fetched() if self.fetches else situation
         state.guidance, command = self.law.update(state.guidance, seen, TICK_S)
-        if state.brake.share and self.guidance.follows_path and self._stands(command, situation.reference):
+        braked = state.brake.share and self.guidance.follows_path
+        if braked and state.brake.after(command, situation.reference, TICK_S).stands:
             command = command._replace(steer=situation.steer, steer_voltage=NEUTRAL_V)
         # an antenna on the implement swings with the hitch angle, for which the supervisor accounts
         at_axle = measured if self.towed.antenna else state.receiver.reduced(measured)
@@ -207,9 +208,6 @@ class Loop:
             state.supervisor, situation, at_axle, command, state.speed.reference, TICK_S
         )
         return command
-
-    def _stands(self, command: Command, reference: Reference) -> bool:
-        return self.stages.brake.after(command, reference, TICK_S).stands
 
     def act(self, measured: Measurement, situation: Situation, command: Command) -> Tick:
         """Run the low-level loops, which convert the command to valve voltages. Return all messages of the tick."""

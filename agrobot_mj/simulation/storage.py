@@ -56,7 +56,7 @@ def write_log(log: Log, folder: Path, more: Mapping[str, Writer] | None = None, 
         **({RUTS: _table(ruts)} if (ruts := log.rut_table) else {}),
         "scenario.toml": lambda path: _write(path, text),
         **(more or {}),
-        "metrics.json": _json(log.metrics),
+        "metrics.json": lambda path: _write(path, json.dumps(log.metrics, indent=2, allow_nan=False) + "\n"),
     }
     claim(folder, writers)
     staged = {name: temporary_path(folder / name) for name in writers}
@@ -87,10 +87,6 @@ def clear(folder: Path, keep: tuple[str, ...] = ()) -> None:
         if name not in keep:
             with errors_naming(folder / name):
                 remove(folder, [name])
-
-
-def _json(content: Any) -> Writer:
-    return lambda path: _write(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 
 def _table(table: Any) -> Writer:

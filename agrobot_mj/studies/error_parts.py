@@ -26,7 +26,8 @@ def _dominance(cases: Mapping[str, Sequence[Row]], rows: Sequence[Row]) -> str:
     led = [row for row, estimator, guidance in known if estimator > guidance]
     if len(cases) < 2 or 2 * len(led) <= len(known):
         return ""
-    cause, remedy = (_most([row.get(name) for row in led]) for name in ("xte_cause", "xte_remedy"))
+    texts = ([row.get(name) or "" for row in led] for name in ("xte_cause", "xte_remedy"))
+    cause, remedy = (Counter(each).most_common(1)[0][0] for each in texts)
     about = f" ({cause})" if cause else ""
     text = f"the estimator causes the larger part of the cross-track error in {len(led)} of {len(known)} runs{about}; "
     text += f"a ranking by this error compares estimates, not guidance laws; {_ahead(cases)}"
@@ -64,8 +65,3 @@ def mean_nees(rows: Sequence[Row]) -> float | str:
     """Return the mean position NEES of runs [-] if the estimate of at least one run is inconsistent, otherwise ""."""
     values = [value for row in rows if (value := row.get("position_nees")) is not None]
     return fmean(values) if values and any(row.get("estimate_warning") for row in rows) else ""
-
-
-def _most(texts: Sequence[str | None]) -> str:
-    """Return the most frequent text, or an empty string if None is the most frequent element."""
-    return Counter(text or "" for text in texts).most_common(1)[0][0]

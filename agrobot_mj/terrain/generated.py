@@ -53,7 +53,8 @@ class Generated(Sized, Tilted):
         x, y = _nodes(half_x, columns, spacing), _nodes(half_y, rows, spacing)
         heights: Array = self.bare(x, y)
         if self.run_in_m > 0:
-            heights = heights * _fade(np.hypot(x[None, :], y[:, None]) / self.run_in_m - 1.0)
+            share = np.clip(np.hypot(x[None, :], y[:, None]) / self.run_in_m - 1.0, 0.0, 1.0)
+            heights = heights * (share * share * (3.0 - 2.0 * share))  # a smooth transition from 0 to 1
         ground = Ground(float(x[0]), float(y[0]), spacing, np.ascontiguousarray(heights))
         if ground.steepest > tan(radians(STEEPEST_DEG)):
             raise ValueError(f"{self.VERTICAL}: the slopes are steeper than {STEEPEST_DEG:g} deg; reduce the value")
@@ -91,9 +92,3 @@ def _nodes(half: float, cells: int, spacing: float) -> Array:
     """Return the node coordinates along one axis [m], symmetric about the origin, shape (cells + 1,)."""
     half = half if cells * spacing <= 2 * half * (1 + 1e-12) else cells * spacing / 2
     return np.linspace(-half, half, cells + 1)
-
-
-def _fade(share: Array) -> Array:
-    """Return a smooth transition from 0 for `share` <= 0 to 1 for `share` >= 1 [-]."""
-    s = np.clip(share, 0.0, 1.0)
-    return s * s * (3.0 - 2.0 * s)

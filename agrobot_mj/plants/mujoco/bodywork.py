@@ -209,8 +209,8 @@ def _both(part: Panel) -> Iterator[Panel]:
         yield part._replace(name=f"{part.name}_{name}", pos=(x, side * y, z), ends=ends)
 
 
-def _tube(name: str, start: Triple, end: Triple, radius: float, paint: str = "iron") -> Panel:
-    return Panel(name, "capsule", (radius,), paint=paint, ends=(*start, *end))
+def _tube(name: str, start: Triple, end: Triple, radius: float) -> Panel:
+    return Panel(name, "capsule", (radius,), ends=(*start, *end))
 
 
 def _front(o: Outline, t: TractorParameters) -> Iterator[Panel]:
@@ -219,19 +219,14 @@ def _front(o: Outline, t: TractorParameters) -> Iterator[Panel]:
     yield _box("hood", (o.dash, o.nose), y, (o.low, edge), "blue")
     yield _box("hood_top", (o.dash, o.nose - 0.08 * long), 0.84 * y, (edge - 0.01, o.high), "blue")
     yield _box("grille", (o.nose - 0.01, o.nose + 0.012), 0.75 * y, (o.low + 0.1 * tall, edge - 0.06 * tall), "iron")
-    yield _box(
-        "stripe", (o.dash + 0.06 * long, o.nose - 0.04 * long), y + 0.003, _band(edge, -0.16, -0.09, tall), "rim"
-    )
-    yield _box("vents", (o.dash + 0.45 * long, o.nose - 0.1 * long), y + 0.003, _band(o.low, 0.1, 0.5, tall), "iron")
+    band, slots = (edge + -0.16 * tall, edge + -0.09 * tall), (o.low + 0.1 * tall, o.low + 0.5 * tall)
+    yield _box("stripe", (o.dash + 0.06 * long, o.nose - 0.04 * long), y + 0.003, band, "rim")
+    yield _box("vents", (o.dash + 0.45 * long, o.nose - 0.1 * long), y + 0.003, slots, "iron")
     lamp = min(0.045 * sqrt(t.wheelbase_m / 1.4), 0.3 * y)
     yield from _both(Panel("lamp", "sphere", (lamp,), (o.nose - 0.005, 0.72 * y, edge - 0.1 * tall), "rim"))
     if t.style == "roll_bar":
         x, z = o.dash + 0.55 * long, o.high + 0.3 * sqrt(t.wheelbase_m / 1.4)
         yield _tube("exhaust", (x, -0.8 * y, edge), (x, -0.8 * y, z), 0.028)
-
-
-def _band(at: float, low: float, high: float, tall: float) -> tuple[float, float]:
-    return at + low * tall, at + high * tall
 
 
 def _drivetrain(o: Outline, t: TractorParameters) -> Iterator[Panel]:
@@ -242,17 +237,13 @@ def _drivetrain(o: Outline, t: TractorParameters) -> Iterator[Panel]:
     yield Panel("rear_axle", "cylinder", (0.2 * rr, o.inside), (0.0, 0.0, rr), "iron", ACROSS)
     if o.narrow > 0.02:
         engine = min(0.13 * t.track_m, o.narrow)
-        yield _box(
-            "engine",
-            (min(o.dash, front - 0.05), o.nose - 0.05),
-            engine,
-            (1.35 * t.front_wheel_radius_m, o.low + 0.02),
-            "iron",
-        )
+        x, z = (min(o.dash, front - 0.05), o.nose - 0.05), (1.35 * t.front_wheel_radius_m, o.low + 0.02)
+        yield _box("engine", x, engine, z, "iron")
     if t.style == "cab" and ahead - behind > 0.2:
-        x, y, deep = (behind + ahead) / 2, 0.42 * t.track_m, (o.floor - 0.45 * rr) / 2
+        deep = (o.floor - 0.45 * rr) / 2
         half = ((ahead - behind) / 2, 0.07 * t.track_m, deep)
-        yield from _both(Panel("tank", "box", half, (x, y - half[1], o.floor - deep), "iron"))
+        at = ((behind + ahead) / 2, 0.42 * t.track_m - half[1], o.floor - deep)
+        yield from _both(Panel("tank", "box", half, at, "iron"))
 
 
 def _fenders(o: Outline, t: TractorParameters) -> Iterator[Panel]:

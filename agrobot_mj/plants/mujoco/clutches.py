@@ -74,10 +74,7 @@ class Clutches:
             return
         i, data = self.ids[name], self.model.eq_data
         if closed:
-            first, second = self._turned(name)
+            fl, fr, rl, rr = (float(self.data.qpos[at]) for at in self.angles.values())
+            first, second = (rl, rr) if name == LOCK else (0.5 * (fl + fr), 0.5 * (rl + rr))
             data[i, 0] = first - data[i, 1] * second
         self.data.eq_active[i] = closed
-
-    def _turned(self, name: str) -> tuple[float, float]:
-        fl, fr, rl, rr = (float(self.data.qpos[at]) for at in self.angles.values())
-        return (rl, rr) if name == LOCK else (0.5 * (fl + fr), 0.5 * (rl + rr))

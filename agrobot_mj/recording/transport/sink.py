@@ -57,7 +57,8 @@ class Sink:
         try:
             self.stream.flush(timeout_sec=PATIENCE_S)
         except RuntimeError:
-            if self.live and not self._full():
+            full = self.path is not None and shutil.disk_usage(self.path.parent).free < FULL_BYTES
+            if self.live and not full:
                 return True  # the viewer is slow or closed
             self._cut()
             return False
@@ -74,9 +75,6 @@ class Sink:
             self.stream.disconnect()
             if self.path is not None and not ends_well(self.path):
                 self._cut()
-
-    def _full(self) -> bool:
-        return self.path is not None and shutil.disk_usage(self.path.parent).free < FULL_BYTES
 
     def _cut(self) -> None:
         if self.path is None:

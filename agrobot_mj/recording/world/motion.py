@@ -94,7 +94,8 @@ class BodyMotion:
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
         """Send the log rows from `first` up to the last valid row. `times` (n,) are the times of the rows."""
-        times = times[: self._sound(first)]
+        places = [self.rows.column(name, first) for track in TRACKS for name in (track.x, track.y)]
+        times = times[: sound_rows(self.rows.poses[first : self.rows.filled], *places)]
         if not times.size or first != self.last + 1:
             return
         for i, body in enumerate(self.scene.bodies):
@@ -118,10 +119,6 @@ class BodyMotion:
         if log.ruts is not None:
             wheels = [self.scene.bodies.index(f"wheel_{wheel}") for wheel in WHEELS]
             send_ruts(stream, log.ruts, self.ground, log.column("t"), log.poses[:, wheels, :2])
-
-    def _sound(self, first: int) -> int:
-        tracks = [self.rows.column(name, first) for track in TRACKS for name in (track.x, track.y)]
-        return sound_rows(self.rows.poses[first : self.rows.filled], *tracks)
 
 
 def sound_rows(poses: Array, *more: Array) -> int:

@@ -20,7 +20,7 @@ from agrobot_mj.scenario.checks import check_files
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.feasibility import check_tractor, tractor_key
 from agrobot_mj.studies.engine import Task, base_text
-from agrobot_mj.studies.sweep.axes import Axis, Listed
+from agrobot_mj.studies.sweep.axes import Listed
 from agrobot_mj.studies.sweep.schema import Sweep, portable
 
 RUNS = "runs"
@@ -54,7 +54,8 @@ class SweepPlan:
     def __init__(self, sweep: Sweep) -> None:
         self.sweep, self.file = sweep, sweep.file
         # Axes of tables come last, because TOML files, including the resolved sweep file, require this order.
-        self.axes = dict(sorted(self.file.axes.items(), key=_of_tables))
+        axes = self.file.axes.items()
+        self.axes = dict(sorted(axes, key=lambda a: any(isinstance(v, dict) for v in getattr(a[1], "values", ()))))
         self.sizes = [len(axis) for axis in self.axes.values()]
         self.samples = points_of(self.file.method, self.file.samples, len(self.file.draws)) if self.file.draws else 1
         self.combinations = max(len(self.file.variant), 1) * prod(self.sizes)
@@ -205,11 +206,9 @@ class _Checker:
         command = scenario.guidance.outside
         if command:
             return [f'guidance.kind: "{scenario.guidance.kind}" needs an external program and cannot be swept']
-        return [*self._of_tractor(scenario), *self._of_place(scenario)]
-
-    def _of_tractor(self, scenario: Scenario) -> list[str]:
         room = len(self.tractors) < MOST_KEPT
-        return self._found(self.tractors, tractor_key(scenario), room, partial(check_tractor, scenario))
+        wrong = self._found(self.tractors, tractor_key(scenario), room, partial(check_tractor, scenario))
+        return [*wrong, *self._of_place(scenario)]
 
     def _of_place(self, scenario: Scenario) -> list[str]:
         tractor, fields = scenario.tractor, len(self.places) < MOST_GROUNDS
@@ -268,10 +267,6 @@ def _points(method: str, n: int, dimensions: int, seed: int) -> Array:
         else:
             points = qmc.LatinHypercube(dimensions, rng=generator).random(n)
     return np.clip(points, 1e-12, 1.0 - 1e-12)
-
-
-def _of_tables(item: tuple[str, Axis]) -> bool:
-    return any(isinstance(value, dict) for value in getattr(item[1], "values", ()))
 
 
 def _shown(value: Any) -> str:

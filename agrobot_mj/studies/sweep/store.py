@@ -101,7 +101,9 @@ class Store(RowFiles):
         """Delete the results of all runs, or of the runs in the given `part` of the sweep. Files that are not results
         are kept."""
         if part is None:
-            rows, places = self._row_files(), list(map(Path, _entries(self.folder / RUNS)))
+            found = (Path(file) for folder in _entries(self.folder / ROWS) for file in _entries(Path(folder)))
+            rows = [file for file in found if _ROW.fullmatch(file.name)]
+            places = list(map(Path, _entries(self.folder / RUNS)))
         else:
             rows = [self.row_file(self.asked(self.plan.task(number))) for number in part]
             places = [self.folder / self.plan.folder(number) for number in part]
@@ -198,10 +200,6 @@ class Store(RowFiles):
             kept = map(Path, _entries(other / self.plan.folder(number)))
             if contents := {file.name: file.read_bytes() for file in kept if file.name != MARK and _is_file(file)}:
                 self.put(task, contents)
-
-    def _row_files(self) -> list[Path]:
-        found = (Path(file) for folder in _entries(self.folder / ROWS) for file in _entries(Path(folder)))
-        return [file for file in found if _ROW.fullmatch(file.name)]
 
 
 def read_rows(folder: Path) -> list[dict[str, Any]]:
