@@ -121,7 +121,7 @@ class Tyred(NamedTuple):
     tyres: TyreSet
     ground: Ground
     bristles: Array
-    """Deflections of the tyres, shape (4, 4): bristle longitudinal and lateral [m], twist [rad], carcass lateral [m]."""
+    """Deflections of tyres, shape (4, 4): bristle longitudinal, lateral [m], twist [rad], carcass lateral [m]."""
     report: Array  # Report of the tyres, shape (4, 6); see `tyres.patch`
 
 
