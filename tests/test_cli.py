@@ -18,6 +18,7 @@ from removed import is_there
 from typer.main import get_command
 
 from agrobot_mj import __version__, cli
+from agrobot_mj.plants.mujoco.settling import RecentMotion
 from agrobot_mj.scenario.loading import load_scenario, scenario_files
 from agrobot_mj.simulation import loop as simulate
 from agrobot_mj.simulation.results import MARK
@@ -284,6 +285,42 @@ def test_signal_to_the_process_aborts_the_run_and_its_files_are_kept(call, monke
     assert names("out") == FILES
     assert json.loads(Path("out/metrics.json").read_text())["outcome"] == "aborted"
     assert 12 <= pq.read_table("out/signals.parquet").num_rows <= 13
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_signal_while_the_tractor_settles_cancels_the_run(call, monkeypatch, number):
+    add, ticks = RecentMotion.add, []
+
+    def add_with_signal(recent, motion):
+        ticks.append(1)
+        if len(ticks) == 3:
+            os.kill(os.getpid(), number)
+        add(recent, motion)
+
+    monkeypatch.setattr(RecentMotion, "add", add_with_signal)
+    status, out, err = call("run", "side_slope_10", "--out", "out")
+    assert (status, out, err.splitlines()[-1:]) == (130, "", ["interrupted before the end"])
+    assert "Traceback" not in err
+    assert len(ticks) == 3
+    assert not Path("out").exists()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_signal_while_the_tractor_settles_cancels_the_run(call, monkeypatch, number):
+    add, ticks = RecentMotion.add, []
+
+    def add_with_signal(recent, motion):
+        ticks.append(1)
+        if len(ticks) == 3:
+            os.kill(os.getpid(), number)
+        add(recent, motion)
+
+    monkeypatch.setattr(RecentMotion, "add", add_with_signal)
+    status, out, err = call("run", "side_slope_10", "--out", "out")
+    assert (status, out, err.splitlines()[-1:]) == (130, "", ["interrupted before the end"])
+    assert "Traceback" not in err
+    assert len(ticks) == 3
+    assert not Path("out").exists()
 
 
 # --- bad input ----------------------------------------------------------------------------------------------------

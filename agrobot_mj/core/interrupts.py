@@ -89,7 +89,7 @@ class Block:
         _STATE.patient -= self.patient
         if not _STATE.blocks:
             _put_back()
-        elif self.patient and not _STATE.patient and _hangs():
+        elif self.patient and not _STATE.patient and (_hangs() or not _STATE.indivisible):
             _run_delayed()
 
 
@@ -104,8 +104,8 @@ def held_back() -> Block:
 def until_the_end() -> Block:
     """Delay signals until the end of the block, without time limit, for C code that discards exceptions of callbacks.
 
-    Inside another block, handlers run at the end of the outermost block. If this block has been open for longer than
-    `PATIENCE_S`, handlers already run at the end of the inner block.
+    Within `held_back`, handlers run at the end of the outermost block or, if this block has been open for longer than
+    `PATIENCE_S`, at the end of the inner block.
     """
     return Block(True, patient=True)
 

@@ -12,7 +12,7 @@ from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 from numba.core.compiler import CompileResult
 from numba.core.environment import lookup_environment
 
-from agrobot_mj.core.interrupts import until_the_end
+from agrobot_mj.core.interrupts import deliver, until_the_end
 
 ENVIRONMENT = "_ZN08NumbaEnv"  # Name prefix of the global variables that contain the Python constants of a function
 
@@ -26,7 +26,11 @@ class _Library(JITCodeLibrary):  # type: ignore[misc]
         """Postpone the optimization until `_generate` is called."""
 
     def _finalize_final_module(self) -> None:
-        """Check the LLVM code, or load the machine code if the function comes from the cache."""
+        """Check the LLVM code, or load the machine code if the function comes from the cache.
+
+        Signals delayed by `deferring` take effect between two functions, because a kernel compiles for many seconds.
+        """
+        deliver()
         if self._disable_inspection:
             self._generated = True
             super()._finalize_final_module()

@@ -89,6 +89,7 @@ def run_with_watchers(
         watcher.start(sim.scenario, sim.loop.plant.scene, sim.rows)
     try:
         reporting, began = _Reporting(sim.rows, watchers), time.perf_counter()
+        deliver()
         with without_exit():
             drive(sim, reporting.tell)
         wall = time.perf_counter() - began

@@ -19,6 +19,7 @@ from agrobot_mj.control.base import Situation
 from agrobot_mj.core.contracts import check_argument, without_exit
 from agrobot_mj.core.copying import independent
 from agrobot_mj.core.errors import CommandError, NotFiniteError
+from agrobot_mj.core.interrupts import deferring
 from agrobot_mj.core.randomness import branch, generators
 from agrobot_mj.core.signals import Estimate, Measurement, Quality, Reference, Truth
 from agrobot_mj.paths.route import SampledRoute
@@ -49,7 +50,7 @@ class Simulation:
         else:
             self.scenario = load_scenario(scenario, overrides)
         self.identity, self._guard = str(self.scenario.identity), Guard()
-        with self._guard:
+        with deferring():  # signals take effect while the tractor settles
             self._begin()
 
     def _begin(self, saved: Snapshot | None = None) -> None:

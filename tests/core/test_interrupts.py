@@ -129,6 +129,14 @@ def test_delayed_signal_is_handled_after_compilation_in_a_slow_with_block(receiv
     assert received == [signal.SIGUSR1] * 2
 
 
+def test_deferred_signal_is_handled_at_the_end_of_c_code(received):
+    with deferring():
+        with until_the_end():
+            send(signal.SIGUSR1)
+            assert received == []
+        assert received == [signal.SIGUSR1]
+
+
 def test_first_signal_stops_a_running_simulation_and_cancels_its_start():
     with stop_on_signals() as stop:
         with pytest.raises(KeyboardInterrupt):

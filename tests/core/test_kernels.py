@@ -177,6 +177,34 @@ def test_signal_during_code_generation_is_raised_afterwards(function, monkeypatc
     assert jit(function)(1.5) == wanted
 
 
+@compiled
+@pytest.mark.skipif(not hasattr(signal, "SIGUSR1"), reason="POSIX signals")
+def test_deferred_signal_interrupts_a_compilation_between_functions(monkeypatch):
+    inner, finished, finalize = jit(reciprocal), [], _Library._finalize_final_module
+
+    @jit
+    def outer(x):
+        return 2.0 * inner(x)
+
+    def stop(number, frame):
+        raise StoppedError
+
+    def after_signal(library):
+        os.kill(os.getpid(), signal.SIGUSR1)
+        finalize(library)
+        finished.append(library.name)
+
+    before = signal.signal(signal.SIGUSR1, stop)
+    try:
+        with monkeypatch.context() as patch, interrupts.deferring(), pytest.raises(StoppedError):
+            patch.setattr(_Library, "_finalize_final_module", after_signal)
+            outer(4.0)
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+    assert finished == []
+    assert outer(4.0) == 0.5
+
+
 def reciprocal(x):
     if x == 0.0:
         raise ZeroDivisionError("no reciprocal of zero")

@@ -230,6 +230,21 @@ def test_step_interrupted_while_the_plant_advances_is_completed(monkeypatch):
     assert equal(driven(sim), driven(begun("mujoco", 0)))
 
 
+class Observer:
+    """Observer that stores the rows and the error of a run."""
+
+    rows, error = None, None
+
+    def start(self, scenario, scene, rows):
+        self.rows = rows
+
+    def advance(self, first):
+        pass
+
+    def fail(self, error):
+        self.error = error
+
+
 @pytest.mark.usefixtures("single_ticks")
 @pytest.mark.usefixtures("interruptible")
 def test_interrupts_end_a_run_only_between_ticks(monkeypatch):
@@ -241,24 +256,24 @@ def test_interrupts_end_a_run_only_between_ticks(monkeypatch):
             os.kill(os.getpid(), signal.SIGINT)
         return advance(*arguments)
 
-    class Seen:
-        """Observer that stores the rows and the error of a run."""
-
-        rows, error = None, None
-
-        def start(self, scenario, scene, rows):
-            self.rows = rows
-
-        def advance(self, first):
-            pass
-
-        def fail(self, error):
-            self.error = error
-
-    seen = Seen()
+    seen = Observer()
     monkeypatch.setattr(MujocoPlant, "advanced", hit)
     with pytest.raises(KeyboardInterrupt):
         run(scenario, (seen,))
     assert len(ticks) == seen.rows.filled == 7
     assert isinstance(seen.error, KeyboardInterrupt)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.usefixtures("interruptible")
+def test_interrupt_while_an_observer_starts_cancels_the_run(monkeypatch):
+    def start(observer, *_):
+        os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(Observer, "start", start)
+    observer, steps = Observer(), []
+    monkeypatch.setattr(Simulation, "reset", lambda sim: steps.append(sim))
+    with pytest.raises(KeyboardInterrupt):
+        run(load_scenario("circle", SHORT | {"plant.kind": "bicycle"}), (observer,))
+    assert isinstance(observer.error, KeyboardInterrupt)
+    assert steps == []

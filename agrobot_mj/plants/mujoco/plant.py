@@ -11,6 +11,7 @@ import numpy as np
 from agrobot_mj.core.calls import address_of
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.held import Held
+from agrobot_mj.core.interrupts import deliver
 from agrobot_mj.core.kernels import bound, fetched, held
 from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, WHEELS, Array, Column, Conditions, Drive, Reference, Truth
 from agrobot_mj.machine import Machine
@@ -174,6 +175,7 @@ class MujocoPlant(RunningPlant):
         least, limit = max(self.settle_ticks, tilt.ticks), tilt.ticks + round(self.spec.settle_limit_s / self.tick_s)
         try:
             for tick in range(max(least, limit) if self.settle_ticks else 0):
+                deliver()
                 if tilt.ticks:
                     self.option.gravity[:] = -GRAVITY * tilt.up(tick)
                 self.step_through(Drive(NEUTRAL_V, NEUTRAL_V, brake))
