@@ -1,4 +1,4 @@
-"""Diagnosis of the state estimate of a run: main cause of its error with a remedy, and consistency with its covariance.
+"""Diagnosis of a run: main cause of its cross-track error with a remedy, and consistency of the estimate.
 
 This module converts metrics to text. An estimate contradicts its covariance if its NEES or NIS is above a quantile of
 the chi-square distribution.
@@ -34,7 +34,7 @@ FULL = {"estimator.kind": "ekf_full", "sensors.gyro.enabled": True, "sensors.whe
 COMPENSATED = {"sensors.imu.enabled": True, "estimator.terrain_compensation": True}
 REMEDIES: dict[str, dict[str, Any]] = {LEAN: COMPENSATED, HEADING: FULL, LATENCY: FULL, LOSS: FULL, FLOAT: FULL}
 """Scenario keys and values that reduce the estimation error, by cause of the error."""
-MOUNTING = "antenna mounting"
+GUIDANCE, MOUNTING = "guidance", "antenna mounting"
 CALIBRATE = "calibrate sensors.gnss.dual_antenna.mounting_deg"
 MEASURE = "measure the antenna position and set sensors.gnss.configured_ahead_m and configured_left_m"
 
@@ -42,6 +42,7 @@ MEASURE = "measure the antenna position and set sensors.gnss.configured_ahead_m 
 def diagnosis(log: Log, view: RunView, metrics: Mapping[str, Any]) -> dict[str, str]:
     """Return the texts `xte_cause`, `xte_remedy` and `estimate_warning` for metrics.json, without empty texts.
 
+    `xte_cause` is "guidance" or, if the estimator part of the cross-track error is larger, the cause of this part.
     `metrics` are the metrics of the log.
     """
     s = log.scenario
@@ -49,8 +50,8 @@ def diagnosis(log: Log, view: RunView, metrics: Mapping[str, Any]) -> dict[str, 
     if not s.guidance.using(s.controller).follows_path or part is None:
         return {}
     askew = abs(degrees(metrics.get("level_sideslip") or 0.0)) > SIDESLIP_MOST
-    cause, remedy = _named(s, cause_of(view, across=True), askew)
-    remedy = remedy if part > max(WORTH_M, guidance or 0.0) else ""
+    cause, remedy = _named(s, cause_of(view, across=True), askew) if part > (guidance or 0.0) else (GUIDANCE, "")
+    remedy = remedy if part > WORTH_M else ""
     warnings = list(_warnings(s, view, metrics, askew, remedy))
     found = {"xte_cause": cause, "xte_remedy": remedy, "estimate_warning": ". ".join(warnings)}
     return {name: text for name, text in found.items() if text}
@@ -114,8 +115,9 @@ def attribution(row: Mapping[str, Any]) -> str:
     if total is None or estimator is None or guidance is None:
         return ""
     cause, remedy, steering = row.get("xte_cause"), row.get("xte_remedy"), row.get("steer_error_rms")
-    inside = f" (steering error {degrees(steering):.1f} deg)" if steering and guidance > estimator else ""
-    parts = f"{_cm(estimator)} estimator{f' ({cause})' if cause else ''}, {_cm(guidance)} guidance{inside}"
+    led = estimator > guidance
+    inside = f" (steering error {degrees(steering):.1f} deg)" if steering and not led else ""
+    parts = f"{_cm(estimator)} estimator{f' ({cause})' if cause and led else ''}, {_cm(guidance)} guidance{inside}"
     return f"{_cm(total)} cross-track: {parts}{f'; {remedy}' if remedy else ''}"
 
 

@@ -235,7 +235,7 @@ def test_latency_fault_is_reported_as_cause_with_an_effective_remedy() -> None:
     assert errors[1].mean() < 0.2 * errors[0].mean()
 
 
-def test_remedy_is_suggested_only_if_estimator_errors_dominate() -> None:
+def test_cause_and_remedy_belong_to_the_larger_part_of_the_error() -> None:
     """With the law `kinematic`, guidance errors dominate, so the remedy for a loss of fixes is not suggested."""
     found = [
         run(load_scenario("straight_line", {**LOST, "guidance.kind": law})).metrics for law in ("kinematic", "lqr")
@@ -244,6 +244,8 @@ def test_remedy_is_suggested_only_if_estimator_errors_dominate() -> None:
     assert parts[0] < 0.8
     assert parts[1] > 1.5
     assert [m.get("xte_remedy") for m in found] == [None, FULL_TEXT]
+    assert [m["xte_cause"] for m in found] == ["guidance", LOSS]
+    assert [f"estimator ({LOSS})" in attribution(m) for m in found] == [False, True]
     assert found[0]["estimate_warning"].endswith(f"{LOSS}; {FULL_TEXT}")  # of the estimate itself
 
 
