@@ -17,7 +17,7 @@ import pytest
 from removed import is_there
 from typer.main import get_command
 
-from agrobot_mj import __version__, cli
+from agrobot_mj import Simulation, __version__, cli
 from agrobot_mj.plants.mujoco.settling import RecentMotion
 from agrobot_mj.scenario.loading import load_scenario, scenario_files
 from agrobot_mj.simulation import loop as simulate
@@ -287,39 +287,25 @@ def test_signal_to_the_process_aborts_the_run_and_its_files_are_kept(call, monke
     assert 12 <= pq.read_table("out/signals.parquet").num_rows <= 13
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_signal_while_the_tractor_settles_cancels_the_run(call, monkeypatch, number):
-    add, ticks = RecentMotion.add, []
+@pytest.mark.parametrize(
+    ("number", "kind", "method"),
+    [(signal.SIGTERM, RecentMotion, "add"), (signal.SIGINT, RecentMotion, "add"), (signal.SIGINT, Simulation, "reset")],
+    ids=["terminated", "while settling", "while recording"],
+)
+def test_signal_during_the_start_cancels_a_run_without_files(call, monkeypatch, number, kind, method):
+    """A tractor settles in some hundred ticks, of which only the first is simulated."""
+    before, calls = getattr(kind, method), []
 
-    def add_with_signal(recent, motion):
-        ticks.append(1)
-        if len(ticks) == 3:
-            os.kill(os.getpid(), number)
-        add(recent, motion)
+    def with_signal(*given):
+        calls.append(1)
+        os.kill(os.getpid(), number)
+        return before(*given)
 
-    monkeypatch.setattr(RecentMotion, "add", add_with_signal)
+    monkeypatch.setattr(kind, method, with_signal)
     status, out, err = call("run", "side_slope_10", "--out", "out")
     assert (status, out, err.splitlines()[-1:]) == (130, "", ["interrupted before the end"])
     assert "Traceback" not in err
-    assert len(ticks) == 3
-    assert not Path("out").exists()
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_signal_while_the_tractor_settles_cancels_the_run(call, monkeypatch, number):
-    add, ticks = RecentMotion.add, []
-
-    def add_with_signal(recent, motion):
-        ticks.append(1)
-        if len(ticks) == 3:
-            os.kill(os.getpid(), number)
-        add(recent, motion)
-
-    monkeypatch.setattr(RecentMotion, "add", add_with_signal)
-    status, out, err = call("run", "side_slope_10", "--out", "out")
-    assert (status, out, err.splitlines()[-1:]) == (130, "", ["interrupted before the end"])
-    assert "Traceback" not in err
-    assert len(ticks) == 3
+    assert len(calls) == 1
     assert not Path("out").exists()
 
 

@@ -113,7 +113,7 @@ class Recording:
         self.sink.close()
 
     def fail(self, error: BaseException) -> None:
-        """Write the exception that ended the run, and close the recording."""
+        """Write the exception that ended the run, and close the recording. Delete the file of an interrupted run."""
         with suppress(Exception):  # `error` may be an error of a previous block
             self.wait()
         self._thread.shutdown()
@@ -121,6 +121,8 @@ class Recording:
             return
         tell(self.stream, broken(self.scenario, error, self.rows.filled * TICK_S))
         self.sink.close()
+        if self.path is not None and isinstance(error, KeyboardInterrupt):
+            self.path.unlink(missing_ok=True)
 
     def _lay_out(self, end_s: float, outcome: str = "") -> None:
         """Send a viewer layout for the content up to `end_s` [s]. This layout replaces the previous layout."""

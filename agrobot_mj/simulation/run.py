@@ -69,6 +69,7 @@ def run(
 
 def _ticks(sim: Simulation) -> Iterator[None]:
     sim.reset()
+    deliver()  # the first call of `advance` compiles kernels
     while not sim.done:
         sim.advance()
         yield

@@ -196,9 +196,10 @@ def test_deferred_signal_interrupts_a_compilation_between_functions(monkeypatch)
 
     before = signal.signal(signal.SIGUSR1, stop)
     try:
-        with monkeypatch.context() as patch, interrupts.deferring(), pytest.raises(StoppedError):
+        with monkeypatch.context() as patch, interrupts.deferring():
             patch.setattr(_Library, "_finalize_final_module", after_signal)
-            outer(4.0)
+            with pytest.raises(StoppedError):
+                outer(4.0)
     finally:
         signal.signal(signal.SIGUSR1, before)
     assert finished == []
