@@ -7,7 +7,7 @@ from agrobot_mj import load_scenario
 from agrobot_mj.paths import sample
 from agrobot_mj.plants.scene import Geom, Mesh, Scene
 from agrobot_mj.recording.blueprint import Shown, blueprint, tiled
-from agrobot_mj.recording.world.names import size_in_view
+from agrobot_mj.recording.world.names import ASIDE_M, size_in_view
 from agrobot_mj.recording.world.scene import followed, reference_line, shapes
 from agrobot_mj.terrain import Ground, height_and_gradient
 from agrobot_mj.terrain.grid import heights
@@ -140,13 +140,17 @@ def test_drawn_reference_of_a_long_run_is_sampled_finely():
 
 
 def test_true_estimated_and_reference_tracks_are_labelled(eight):
-    """The labels are at different points along the path so that they do not overlap."""
+    """The labels of both tracks are on opposite sides of the tracks, so that labels do not overlap."""
     assert eight.static("/world/names", "Points3D:labels") == ["reference", "true", "estimated"]
     times, places = eight.column("/world/names", "Points3D:positions")
     np.testing.assert_array_equal(times, np.rint(eight.log.column("t")[::2] * 1e9))
     reference, true, estimated = np.array(places)[100]
-    x, y = (eight.log.column(name) for name in ("x", "y"))
-    assert np.hypot(x - true[0], y - true[1]).min() < 1e-3, "on its track"
+    x, y, yaw = (eight.log.column(name) for name in ("x", "y", "yaw"))
+    left = [
+        (place[1] - y[200]) * np.cos(yaw[200]) - (place[0] - x[200]) * np.sin(yaw[200]) for place in (true, estimated)
+    ]
+    assert left == pytest.approx([ASIDE_M, -ASIDE_M], abs=0.2)
+    assert np.hypot(x - true[0], y - true[1]).min() == pytest.approx(ASIDE_M, abs=0.05), "next to its track"
     assert np.hypot(x[200] - reference[0], y[200] - reference[1]) > 1.5
     assert 0.4 < np.hypot(*(true - estimated)[:2]) < 1.5
     last = np.array(places)[-1, 0]

@@ -15,9 +15,9 @@ from agrobot_mj.terrain import Ground
 
 ENTITY = "world/names"
 REFERENCE, TRUE, ESTIMATED = 0xE8E8E8FF, rgba(SKY_BLUE), rgba(ORANGE)
-AHEAD_M, BEHIND_M, LAST_M = 1.9, (1.3, 2.0), 3.4
+AHEAD_M, BEHIND_M, LAST_M, ASIDE_M = 1.9, (1.4, 1.2), 2.2, 0.6
 """Distances of labels from the default tractor [m]: reference label ahead, labels of true and estimated track behind,
-and reference label behind at the end of the path."""
+reference label behind at the end of the path, and labels of true and estimated track next to their track."""
 IN_VIEW = 0.7
 """Scale of the labels divided by the distance between the first and the farthest body [1/m], for legible labels in a
 view of all bodies."""
@@ -39,15 +39,18 @@ class TrackNames:
         if first == 0:
             name_points(stream, ENTITY, ("reference", "true", "estimated"), (REFERENCE, TRUE, ESTIMATED))
         at = first + np.flatnonzero((first + np.arange(len(times))) % EVERY_TICKS == 0)
-        columns = ("x", "y"), ("x_hat", "y_hat")
+        columns = ("x", "y", "yaw"), ("x_hat", "y_hat", "yaw_hat")
         per_m = size_in_view(self.size, self.rows.poses[0, :, :2]) / self.speed
         t = self.rows.column("t")[at]
         ahead = t + AHEAD_M * per_m
         ahead[ahead > self.times[-1]] = t[ahead > self.times[-1]] - LAST_M * per_m
         tracks = [np.column_stack([np.interp(ahead, self.times, line) for line in self.reference.T])]
+        left = ASIDE_M * per_m * self.speed
         for names, behind in zip(columns, BEHIND_M, strict=True):
             then = np.maximum(at - round(behind * per_m / TICK_S), 0)
-            tracks.append(np.column_stack([self.rows.column(name)[then] for name in names]))
+            x, y, yaw = (self.rows.column(name)[then] for name in names)
+            tracks.append(np.column_stack([x - left * np.sin(yaw), y + left * np.cos(yaw)]))
+            left = -left  # both tracks nearly coincide, so their labels are on opposite sides
         places = on_ground(self.ground, np.stack(tracks, axis=1).reshape(-1, 2), 0.0)
         move_points(stream, ENTITY, times[at - first], places, len(tracks))
 
