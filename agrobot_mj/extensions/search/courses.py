@@ -81,7 +81,7 @@ def courses_figure(courses: Sequence[dict[str, Any]], labels: Sequence[str]) -> 
         close.legend()
         above.legend()
     close.axhline(0.0, color=BLACK, linewidth=0.6, linestyle="--")
-    close.set(xlabel="t [s]", ylabel="closeness to the condition [-]")
+    close.set(xlabel="t [s]", ylabel="margin to failure [-]")
     above.set(xlabel="x [m]", ylabel="y [m]")
     if above.dataLim.height > above.dataLim.width / MOST_STRETCHED:
         above.set_aspect("equal", "datalim")

@@ -91,5 +91,5 @@ def _draw_tried(axes: Axes, q: FalsifyQuestion, found: Falsified) -> None:
         if places := [place(tried) for tried in found.tried if tried.fails is fails]:
             axes.plot(*zip(*places, strict=True), marker, color=colour, markersize=3, label=label)
     axes.plot(*place(found.mildest), "*", color=BLACK, markersize=8, label=_name(found))
-    axes.set(xlabel=x, ylabel=more[0] if more else "closeness to the condition [-]")
+    axes.set(xlabel=x, ylabel=more[0] if more else "margin to failure [-]")
     axes.figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=3)

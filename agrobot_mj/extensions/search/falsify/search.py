@@ -268,7 +268,7 @@ def statement(q: FalsifyQuestion, name: str, found: Falsified) -> str:
     if found.verdict == "fails_at_start":
         return f"{name} fails at the mild ends of all ranges ({best.shown}: {best.share} runs fail); use milder values"
     if found.verdict == NOT_FOUND:
-        closest = f"the closest is {best.shown} ({best.share} runs fail, closeness {best.close:.2g}; 0 is failure)"
+        closest = f"the closest is {best.shown} ({best.share} runs fail, margin {best.close:.2g}; 0 is failure)"
         return f"{name}: none of the {len(found.tried)} evaluated combinations fails in most runs; {closest}"
     text = f"{name}: the mildest failing combination found is {best.shown}, at a distance of {best.distance:.2f}"
     text += f" ({best.share} runs fail)"

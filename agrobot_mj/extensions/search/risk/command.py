@@ -132,8 +132,8 @@ def figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: st
         chances.axhline(fail, color=BLACK, linewidth=0.6, linestyle="--")
         chances.annotate(f"fail: {fail:.2g}", (0.02, fail), xycoords=("axes fraction", "data"), va="bottom")
         least = min(least, fail)
-    label = score or f"closeness, {AHEAD_S:g} s ahead [-]"
-    chances.set(yscale="log", ylim=(0.7 * least, 1.4), xlabel=label, ylabel="probability of a run to come closer [-]")
+    label = score or f"margin to failure, {AHEAD_S:g} s ahead [-]"
+    chances.set(yscale="log", ylim=(0.7 * least, 1.4), xlabel=label, ylabel="probability of a larger margin [-]")
     return drawn
 
 

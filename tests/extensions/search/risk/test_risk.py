@@ -189,7 +189,7 @@ def test_progress_of_each_splitting_round_is_printed_to_stderr(call, monkeypatch
     assert "round" not in said
 
 
-@pytest.mark.parametrize(("score", "label"), [(None, "closeness, 1 s ahead [-]"), ("steer", "steer")])
+@pytest.mark.parametrize(("score", "label"), [(None, "margin to failure, 1 s ahead [-]"), ("steer", "steer")])
 def test_failure_level_is_not_drawn_in_the_risk_figure(score, label):
     """Levels are extrapolated margins or scores, so a level above 0 is not a failure."""
     drawn = command.figure([Split(1e-4, 1e-3, 2, ((-0.5, 0.1), (0.1, 1e-3)), 40)], [], score)
