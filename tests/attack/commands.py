@@ -110,12 +110,12 @@ def commands(chance: random.Random) -> str:
         os.mknod("null", stat.S_IFCHR | 0o666, os.makedev(1, 3))
     words, device = list(chance.choice(COMMANDS)), Path("null").exists()
     for _ in range(chance.randint(1, 3)):
-        _bend(chance, words)
+        bend(chance, words)
     found = call(words)
     return f"{words}: took the place of a device" if device and not Path("null").is_char_device() else found
 
 
-def _bend(chance: random.Random, words: list[str]) -> None:
+def bend(chance: random.Random, words: list[str]) -> None:
     """Change, remove or repeat words of a command line, or add an option without a value."""
     at = chance.randrange(1, len(words)) if len(words) > 1 else 0
     before = words[at - 1] if at > 1 else ""

@@ -32,14 +32,14 @@ class Interrupted:
         self.state: Snapshot | None = None
 
     def load(self) -> None:
-        """Load the stored state. Raise `ScenarioError` if no state is stored."""
+        """Load the stored state. Raise `ScenarioError` if no state is stored, or if its file is damaged."""
         try:
             state = pickle.loads(self.file.read_bytes())
-        except (OSError, pickle.UnpicklingError, EOFError, AttributeError, ImportError):
+            self.state = state._replace(scenario=self.scenario)
+        except Exception:  # damaged files raise errors of many types
             raise ScenarioError(
                 "--resume: there is no interrupted drive with these options; omit --resume to start a new drive"
             ) from None
-        self.state = state._replace(scenario=self.scenario)
 
     def store(self, sim: Simulation) -> None:
         """Store the state of a simulation with all log rows. A write error, such as a full disk, is ignored."""

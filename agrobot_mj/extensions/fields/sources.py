@@ -1,6 +1,7 @@
 """Sources of fields and plans: files, folders of AgOpenGPS or ISO 11783 task data, and zip archives."""
 
 import zipfile
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -64,17 +65,23 @@ def _unpacked(path: Path) -> Iterator[Path]:
     if not zipfile.is_zipfile(path):
         yield path
         return
-    with TemporaryDirectory() as place, zipfile.ZipFile(path) as archive:
+    with TemporaryDirectory() as place:
         folder = Path(place) / path.stem  # its name is the default name of a field
+        try:
+            _unpack(path, folder)
+        except (zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError, OSError):
+            refuse(path, "the zip archive is damaged or encrypted; create the archive again")
+        yield folder
+
+
+def _unpack(path: Path, folder: Path) -> None:
+    """Write the files of a zip archive to a new folder. Raise ValueError for an archive that is too large."""
+    folder.mkdir()
+    with zipfile.ZipFile(path) as archive:
         members = archive.infolist()
         if len(members) > MOST_MEMBERS or sum(each.file_size for each in members) > MOST_UNPACKED_BYTES:
             refuse(path, f"the archive exceeds {MOST_UNPACKED_BYTES / 1e6:.0f} MB unpacked; specify an unpacked file")
-        try:
-            archive.extractall(folder)
-        except (zipfile.BadZipFile, RuntimeError, NotImplementedError, EOFError, OSError):
-            refuse(path, "the zip archive is damaged or encrypted; create the archive again")
-        folder.mkdir(exist_ok=True)  # for an empty archive
-        yield folder
+        archive.extractall(folder)
 
 
 def _of_folder(folder: Path, of_agopengps: Callable[[Path], ShapeFile]) -> ShapeFile:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from math import degrees, radians
+from math import degrees, isfinite, radians
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -101,9 +101,11 @@ class Play:
             self.keep(before)
 
     def execute(self, press: Press | Restart) -> None:
-        """Execute the request in a message from the panel."""
+        """Execute the request in a message from the panel. Messages with a value that is not finite are ignored."""
         if isinstance(press, Restart):
             self.restart(press.settings)
+            return
+        if not isfinite(press.value):  # a slider accepts "nan" as text
             return
         session, driver = self.session, self.driver
         actions: dict[str, Callable[[], Any]] = {

@@ -15,6 +15,7 @@ LOCAL = {"type": "name", "properties": {"name": "local plane in metres"}}
 """Content of the member `crs` in files with coordinates in metres east and north of an unknown origin."""
 SCRIPT = re.compile(r"\s*(?:export\s+)?(?:var|let|const)\s+\w+\s*=\s*(?=[{\[])")
 """Pattern of the JavaScript assignment before GeoJSON data in a web map."""
+LONGEST = 300  # Number of digits above which an integer may exceed the range of a float
 NUMBERS = ("speed", "speed_m_s", "working", "direction")
 """Names of feature properties that contain one number for each point of a line."""
 
@@ -22,7 +23,8 @@ NUMBERS = ("speed", "speed_m_s", "working", "direction")
 def read_geojson(text: str) -> ShapeFile:
     """Return the shapes in the text of a GeoJSON file. Raise ValueError for text that is not GeoJSON."""
     try:
-        content = json.loads(SCRIPT.sub("", text, count=1).rstrip().rstrip(";") if SCRIPT.match(text) else text)
+        script = SCRIPT.sub("", text, count=1).rstrip().rstrip(";") if SCRIPT.match(text) else text
+        content = json.loads(script, parse_int=_whole)
     except (json.JSONDecodeError, RecursionError) as error:
         place = f" (line {error.lineno})" if isinstance(error, json.JSONDecodeError) else ""
         raise ValueError(f"the file is not valid JSON{place}; export the file again") from None
@@ -30,6 +32,11 @@ def read_geojson(text: str) -> ShapeFile:
         raise ValueError("the file is JSON, but not GeoJSON; export it as a FeatureCollection")
     shapes = tuple(shape for feature in _features(content) for shape in of_geometry(*feature))
     return ShapeFile(shapes, _crs(content), name=shapes[0].name if shapes else "")
+
+
+def _whole(digits: str) -> float:
+    """Return an integer, or infinity for an integer that exceeds the range of a float."""
+    return int(digits) if len(digits) < LONGEST else float(digits)
 
 
 def _features(content: Mapping[str, Any]) -> Iterator[tuple[Any, Mapping[str, Any]]]:

@@ -86,3 +86,20 @@ def field_of(folder, name, content, **options):
     """Return the field read from a file with the given content."""
     (folder / name).write_text(content, encoding="utf-8")
     return read_field(folder / name, **options)
+
+
+def aog(folder, comma="."):
+    """Write a field folder of AgOpenGPS with boundary, hole and headland."""
+    folder.mkdir()
+
+    def listed(ring):
+        rows = "".join(f"{x:.3f};{y:.3f};1.57080\r\n".replace(".", comma).replace(";", ",") for x, y in ring)
+        return f"{len(ring)}\r\n{rows}"
+
+    fix = f"{ORIGIN.latitude:.8f};{ORIGIN.longitude:.8f}".replace(".", comma).replace(";", ",")
+    (folder / "Field.txt").write_text(
+        f"2026\r\n$FieldDir\r\nx\r\n$Offsets\r\n0,0\r\nConvergence\r\n0\r\nStartFix\r\n{fix}\r\n"
+    )
+    (folder / "Boundary.txt").write_text(f"$Boundary\r\nFalse\r\n{listed(RING)}False\r\nFalse\r\n{listed(HOLE)}")
+    (folder / "Headland.txt").write_text(f"$Headland\r\n{listed(0.8 * RING)}")
+    return folder

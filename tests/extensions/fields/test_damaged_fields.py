@@ -143,6 +143,8 @@ def test_randomly_changed_field_file_gives_a_field_or_one_line_message(tmp_path,
     assert all("\n" not in line and line.startswith(name) for line in said), said
 
 
+END = b"PK\x05\x06\0\0\0\0\1\0\1\0\x20\0\0\0\0\0\0\0\0\0"
+"""End record of a zip archive whose directory of one file precedes the record."""
 HOSTILE = {
     "empty": (b"", "the file is empty; create the file again"),
     "blank": (b"\n \n\n", "the file contains no positions; export the file again"),
@@ -160,6 +162,11 @@ HOSTILE = {
     ),
     "binary": (bytes(range(256)) * 20, "the file is not text, or contains null bytes; save it as CSV"),
     "zip": (b"PK\x05\x06" + b"\0" * 18, "the folder contains no field; specify a folder with TASKDATA.XML"),
+    "damaged zip": (b"PK" * 20 + END, "the zip archive is damaged or encrypted"),
+    "a huge integer": (
+        geojson(feature([[0, 0], [1, 0], [1, 10**400]])).encode(),
+        "position 3, (1, inf), is out of range",
+    ),
     "not a number": (b"x,y\n0,0\n9,nan\n9,9\n", "row 3: y is nan; use a finite number"),
     "two points": (b"x,y\n0,0\n9,9\n", "the boundary has 2 points; at least 3 are required"),
     "flat": (b"x,y\n0,0\n50,0\n99,0\n", "the boundary encloses 0 m2, less than 10"),

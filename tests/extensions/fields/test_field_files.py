@@ -6,7 +6,21 @@ import pytest
 
 shapely = pytest.importorskip("shapely")
 
-from field_texts import AREA, FILES, GML3, HOLE, ORIGIN, RING, degrees, feature, field_of, geojson, lsg, task_data  # noqa: E402
+from field_texts import (  # noqa: E402
+    AREA,
+    FILES,
+    GML3,
+    HOLE,
+    ORIGIN,
+    RING,
+    aog,
+    degrees,
+    feature,
+    field_of,
+    geojson,
+    lsg,
+    task_data,
+)
 
 from agrobot_mj.core.errors import ScenarioError  # noqa: E402
 from agrobot_mj.extensions.fields.reading import read_field  # noqa: E402
@@ -56,23 +70,6 @@ def test_field_file_with_projected_coordinates_gives_the_same_field(tmp_path):
         assert field.plane == pytest.approx(ORIGIN, abs=1e-5)
         assert field.crs == "EPSG:3301"
     assert read_field(tmp_path / "farm.shp").name == "North"
-
-
-def aog(folder, comma="."):
-    """Write a field folder of AgOpenGPS with boundary, hole and headland."""
-    folder.mkdir()
-
-    def listed(ring):
-        rows = "".join(f"{x:.3f};{y:.3f};1.57080\r\n".replace(".", comma).replace(";", ",") for x, y in ring)
-        return f"{len(ring)}\r\n{rows}"
-
-    fix = f"{ORIGIN.latitude:.8f};{ORIGIN.longitude:.8f}".replace(".", comma).replace(";", ",")
-    (folder / "Field.txt").write_text(
-        f"2026\r\n$FieldDir\r\nx\r\n$Offsets\r\n0,0\r\nConvergence\r\n0\r\nStartFix\r\n{fix}\r\n"
-    )
-    (folder / "Boundary.txt").write_text(f"$Boundary\r\nFalse\r\n{listed(RING)}False\r\nFalse\r\n{listed(HOLE)}")
-    (folder / "Headland.txt").write_text(f"$Headland\r\n{listed(0.8 * RING)}")
-    return folder
 
 
 def test_csv_title_row_that_starts_with_point_is_not_read_as_wkt(tmp_path):

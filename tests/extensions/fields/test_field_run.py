@@ -15,6 +15,7 @@ from shapely import Polygon
 from shapely.geometry import shape
 
 from agrobot_mj.cli import main
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.geodesy import Origin, to_geodetic, to_local
 from agrobot_mj.extensions.fields.coverage import coverage
 from agrobot_mj.extensions.fields.effort import Prices, cost
@@ -271,6 +272,16 @@ def test_resume_without_an_interrupted_field_run_is_rejected(call, tmp_path, mon
     )
     assert (status, (tmp_path / "out").exists()) == (2, False)
     assert err.startswith("--resume: there is no interrupted drive with these options")
+
+
+@pytest.mark.parametrize("content", [b"", b"\x80\x04N.", b"I1x\n.", b"cos\nnope\n."])
+def test_resume_from_a_damaged_state_is_rejected(tmp_path, monkeypatch, content):
+    monkeypatch.setattr("agrobot_mj.extensions.fields.resume.user_cache_path", lambda _: tmp_path)
+    again = Interrupted(load_scenario("straight_line"), lambda: False)
+    again.folder.mkdir()
+    again.file.write_bytes(content)
+    with pytest.raises(ScenarioError, match="--resume: there is no interrupted drive"):
+        again.load()
 
 
 @lengths

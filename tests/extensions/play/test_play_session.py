@@ -1,6 +1,6 @@
 """Drive without a viewer: inputs, adjustments, faults, saved states, and the run that reproduces the drive."""
 
-from math import radians
+from math import inf, nan, radians
 
 import pytest
 
@@ -8,7 +8,8 @@ from agrobot_mj.core.errors import CommandError, ScenarioError
 from agrobot_mj.extensions.play.adjustments import ADJUSTMENTS, NextStart, fault_kinds, restarted
 from agrobot_mj.extensions.play.driver import Keys, PlayDriver
 from agrobot_mj.extensions.play.gamepad import Gamepad
-from agrobot_mj.extensions.play.play import save
+from agrobot_mj.extensions.play.panel import Press
+from agrobot_mj.extensions.play.play import Play, save
 from agrobot_mj.extensions.play.session import PlaySession
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run
@@ -297,3 +298,14 @@ def test_steering_slider_angle_is_held_until_a_steering_key_is_pressed(session):
     assert session.given.steer == 0.2
     driver.tick(Keys(right=True))
     assert session.given.steer < 0.2
+
+
+@pytest.mark.parametrize("value", [nan, inf, -inf])
+def test_slider_values_that_are_not_finite_are_ignored(value):
+    game = Play(load_scenario("straight_line"), lambda session: None)
+    before = game.status()
+    for name in ("steer", "speed", *ADJUSTMENTS):
+        game.execute(Press(name, value))
+    assert (game.status().wanted, game.status().angle) == (before.wanted, before.angle)
+    assert game.status().values == before.values
+    assert game.session.sim.scenario.fault == ()
