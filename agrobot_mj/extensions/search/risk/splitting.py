@@ -10,7 +10,9 @@ With discrete time and equal scores, the estimate is unbiased for any n, score a
 The estimate is 0 if no path survives.
 """
 
+from collections import Counter
 from collections.abc import Generator, Sequence
+from itertools import compress
 from math import exp, fsum, inf, isfinite, sqrt
 from typing import NamedTuple, Protocol, TypeVar
 
@@ -43,6 +45,8 @@ class Split(NamedTuple):
     trace: tuple[tuple[float, float], ...]
     """Level of each round and weight after the round, which estimates the probability of exceeding the level [-]."""
     paths: int  # Number of simulated paths, including the initial ones
+    families: tuple[int, ...] = ()
+    """Number of failed paths that descend from the same initial path, for each initial path with such descendants."""
 
 
 def split(n: int, worst: int, least: float, random: Random) -> Generator[list[Wanted[P]], list[P], Split]:
@@ -52,24 +56,28 @@ def split(n: int, worst: int, least: float, random: Random) -> Generator[list[Wa
     survives or if the weight is below `least`.
     """
     paths = yield [(None, -inf)] * n
-    weight, trace, driven = 1.0, list[tuple[float, float]](), n
+    weight, trace, driven, roots = 1.0, list[tuple[float, float]](), n, list(range(n))
     while paths and weight >= least:
         level = sorted(path.level for path in paths)[worst - 1]
         if level == inf:
             break
-        alive = [path for path in paths if path.level > level]
+        above = [path.level > level for path in paths]
+        alive, roots = list(compress(paths, above)), list(compress(roots, above))
         weight *= len(alive) / n
         trace.append((level, weight))
         if alive:
             chosen = random.integers(len(alive), size=n - len(alive))
             alive += yield [(alive[k], level) for k in chosen]
+            roots += [roots[k] for k in chosen]
             driven += len(chosen)
         paths = alive
-    failed = sum(path.level == inf for path in paths)
-    return Split(weight * failed / n, weight, failed, tuple(trace), driven)
+    families = Counter(root for root, path in zip(roots, paths, strict=True) if path.level == inf)
+    failed = families.total()
+    return Split(weight * failed / n, weight, failed, tuple(trace), driven, tuple(families.values()))
 
 
 CONFIDENCE = 0.95  # Confidence of the interval [-]
+TAIL = (1 - CONFIDENCE) / 2  # Probability on each side of the interval [-]
 
 
 class RiskQuestion(NamedTuple):
@@ -116,9 +124,26 @@ def estimate(splits: Sequence[Split], particles: int) -> RiskEstimate:
         low, high = wilson_interval(sum(split.failed for split in splits), runs, CONFIDENCE)
         return found._replace(low=low, high=high, error=sqrt(found.probability * (1 - found.probability) / runs))
     if found.probability:
-        return found
+        return _widened(found, [split.weight * failed for split in splits for failed in split.families])
     weight = fsum(min((weight for _, weight in split.trace if weight), default=1.0) for split in splits) / n
     return found._replace(high=weight * wilson_interval(0, n * particles, CONFIDENCE)[1])
+
+
+def _widened(found: RiskEstimate, families: Sequence[float]) -> RiskEstimate:
+    """Return an estimate whose interval also contains a Poisson interval for the number of independent families.
+
+    A family contains the failed paths with the same initial path, which share the values drawn once per run. If few
+    families have most of the weight, the spread of the splittings is usually too small. `families` are the weights of
+    all families. Their effective number is the sum of the weights divided by the maximum weight.
+    """
+    from scipy.stats import chi2
+
+    if not families:
+        return found
+    count = fsum(families) / max(families)
+    low, high = (float(chi2.ppf(p, 2 * n)) / 2 / count for p, n in ((TAIL, count), (1 - TAIL, count + 1)))
+    p = found.probability
+    return found._replace(low=min(found.low, low * p), high=max(found.high, min(high * p, 1.0)))
 
 
 def mean_of(values: Sequence[float]) -> RiskEstimate:

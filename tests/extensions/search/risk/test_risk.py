@@ -3,6 +3,7 @@
 import json
 import re
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -17,7 +18,7 @@ from agrobot_mj.extensions.search.limit.condition import Condition
 from agrobot_mj.extensions.search.limit.question import condition_of
 from agrobot_mj.extensions.search.risk import RiskQuestion, command
 from agrobot_mj.extensions.search.risk.command import answer
-from agrobot_mj.extensions.search.risk.population import AHEAD_S, populations
+from agrobot_mj.extensions.search.risk.population import AHEAD_S, Run, populations
 from agrobot_mj.extensions.search.risk.splitting import Split, estimate
 from agrobot_mj.simulation import progress
 from agrobot_mj.simulation.branching import Branch
@@ -145,6 +146,21 @@ def test_risk_interval_is_a_student_interval_of_the_log_probability():
     assert found.error == pytest.approx(1e-4 / sqrt(3))
     assert found.high / found.probability == pytest.approx(found.probability / found.low)
     assert found.high == pytest.approx(2e-4 * np.exp(4.302653 / 2 / sqrt(3)), rel=1e-6)
+
+
+class Finished(NamedTuple):
+    """Finished execution of the splitting algorithm."""
+
+    split: Split
+    runs: tuple[Run, ...] = (Run(1, (), ((1, 0.5),), 20, False),)
+
+
+@pytest.mark.parametrize(("empty", "warned"), [(1, False), (2, True)])
+def test_many_splittings_without_failure_are_reported(empty, warned):
+    """The distribution of the estimates is then so skewed that their spread is too small."""
+    done = [Finished(Split(1e-4 * (k >= empty), 1e-3, 1, ((0.5, 1e-3),), 40)) for k in range(5)]
+    statement = answer(SCENARIO, RiskQuestion("xte_abs_max > 1", 10, 5), done).statement
+    assert ("2 of 5 splittings found no failure, so the interval is too narrow; increase" in statement) is warned
 
 
 # --- runs of the simulator ----------------------------------------------------------------------------------------

@@ -119,3 +119,39 @@ def test_standard_error_without_splitting_is_binomial():
     assert found.error == pytest.approx(sqrt(0.4 * 0.6 / 200))
     assert found.low == pytest.approx(0.4 - 1.96 * found.error, abs=0.005)
     assert found.high == pytest.approx(0.4 + 1.96 * found.error, abs=0.005)
+
+
+def split_with(*families):
+    """Return a splitting of 10 paths with the weight 1e-3 and the given numbers of failed paths per family."""
+    failed = sum(families)
+    return Split(1e-4 * failed, 1e-3, failed, ((0.0, 1e-3),), 40, families)
+
+
+def test_interval_is_a_poisson_interval_of_families_of_equal_weight():
+    """All splittings give the same probability, so that their spread is zero."""
+    found = estimate([split_with(1, 1, 1, 1)] * 5, 10)
+    assert found.error == pytest.approx(0.0, abs=1e-12)
+    assert found.low / found.probability == pytest.approx(24.433 / 40, rel=1e-4)  # table of chi-square, 40 degrees
+    assert found.high / found.probability == pytest.approx(61.777 / 40, rel=1e-4)  # 42 degrees of freedom
+
+
+def test_interval_is_wider_if_one_family_dominates():
+    equal, dominated = estimate([split_with(1, 1, 1, 1)] * 5, 10), estimate([split_with(4)] * 5, 10)
+    assert dominated.probability == equal.probability
+    assert dominated.low < equal.low < equal.high < dominated.high
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_families_count_the_failed_paths_of_each_initial_path(seed):
+    """Of four initial paths, only the first two rise, and all copies of them fail."""
+    work = split(4, 2, 1e-9, np.random.default_rng(seed))
+    next(work)
+    failed = Walk(np.array([0.0, 9.0]), 9.0)
+    wanted = work.send([Walk(np.array([0.0, top]), 9.0) for top in (5.0, 6.0, 1.0, 1.0)])
+    parents = {parent.places[-1] for parent, _ in wanted}
+    work.send([failed] * len(wanted))
+    with pytest.raises(StopIteration) as end:
+        work.send([failed] * 2)
+    found = end.value.value
+    assert (found.failed, len(found.families)) == (4, len(parents))
+    assert sum(found.families) == 4
