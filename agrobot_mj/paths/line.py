@@ -3,10 +3,28 @@
 from math import radians
 from typing import Literal
 
-from agrobot_mj.core.signals import Reference
+import numpy as np
+
+from agrobot_mj.core.kernels import shared, stage
+from agrobot_mj.core.samples import write_reference
+from agrobot_mj.core.signals import Matrix, Reference, Vector
 from agrobot_mj.core.spec import Positive
 from agrobot_mj.paths.arc import RAMP_S, Place, Pose, Ramp, advance, progress, reference
 from agrobot_mj.paths.base import ReferencePath
+
+
+@shared
+def _reference(start: Pose, ramp: float, speed: float, t: float) -> Reference:
+    moved, fraction = progress(t, ramp)
+    return reference(advance(start, 0.0, speed * moved), 0.0, fraction * speed)
+
+
+@stage
+def _references(start: Pose, ramp: float, speed: float, times: Vector) -> Matrix:
+    references = np.empty((times.size, 7))
+    for n, t in enumerate(times):
+        write_reference(references, n, _reference(start, ramp, speed, t))
+    return references
 
 
 class Line(ReferencePath):
@@ -43,6 +61,11 @@ class Line(ReferencePath):
 
     def at(self, t: float) -> Reference:
         """Return the reference state at time `t` [s]; the line continues beyond its ends."""
-        start = Pose(self.start_x_m, self.start_y_m, radians(self.heading_deg))
-        moved, fraction = progress(t, self.ramp_s)
-        return reference(advance(start, 0.0, self.speed_m_s * moved), 0.0, fraction * self.speed_m_s)
+        return _reference(self._start, self.ramp_s, self.speed_m_s, t)
+
+    def _references_at(self, times: Vector) -> Matrix:
+        return _references(self._start, self.ramp_s, self.speed_m_s, times)
+
+    @property
+    def _start(self) -> Pose:
+        return Pose(self.start_x_m, self.start_y_m, radians(self.heading_deg))

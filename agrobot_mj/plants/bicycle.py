@@ -12,14 +12,15 @@ the cylinder has crossed the backlash.
 """
 
 from collections.abc import Iterator
-from math import cos, cosh, exp, isfinite, nan, radians, sin, sinh, sqrt
-from typing import Any, ClassVar, Literal, NamedTuple
+from math import atan2, cos, cosh, exp, inf, isfinite, nan, radians, sin, sinh, sqrt, tan
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from agrobot_mj.core.geometry import from_heading, wrap
-from agrobot_mj.core.kernels import kernel
-from agrobot_mj.core.signals import NOMINAL, Array, Conditions, Drive, Reference, Truth
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import fetched, held, jit, kernel
+from agrobot_mj.core.signals import NOMINAL, Array, Conditions, Matrix, Reference, Truth
 from agrobot_mj.core.spec import Positive, Spec
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import DriveLaw, DriveMemory, drive_law, drive_step, reset_drive
@@ -33,8 +34,8 @@ from agrobot_mj.machine.hydraulics import (
     worn_valve,
 )
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.plants.base import Clock, RunningPlant, copies, write
-from agrobot_mj.plants.mujoco.drawing import Ghost
+from agrobot_mj.plants.base import Clock, Motion, RunningPlant, TractorMotion, copies, write
+from agrobot_mj.plants.mujoco.drawing import Ghost, Shown, poses_of, show
 from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.memory import AnyArray
 from agrobot_mj.tyres.linear import unlike_a_tyre
@@ -74,7 +75,8 @@ class Bicycle(Spec):
 class BicycleLaw(NamedTuple):
     """Parameters of the bicycle model for the compiled kernels, in SI units and with the symbols of [Kayacan2015].
 
-    `play` is half the backlash of the steering linkage [rad].
+    `play` is half the backlash of the steering linkage [rad], and `track_ratio` is half the track divided by the
+    wheelbase. `antenna` is the position of the antenna ahead of, to the left of and above the rear-axle point.
     """
 
     m: float
@@ -86,6 +88,10 @@ class BicycleLaw(NamedTuple):
     steer_limit: float
     displacement: float
     play: float = 0.0
+    cg_height: float = 0.0
+    track_ratio: float = 0.0
+    antenna: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rear_radius: float = 1.0
 
 
 class Linear2(NamedTuple):
@@ -184,23 +190,30 @@ def planar_velocity(psi: float, u: float, v: float) -> tuple[float, float]:
     return u * cos(psi) - v * sin(psi), u * sin(psi) + v * cos(psi)  # [agrobots: kinematicmodeltractor2]
 
 
-@kernel
-def run_steps(
-    p: BicycleLaw,
-    state: Array,
-    valve: ValveLaw,
-    valve_memory: ValveMemory,
-    drive: DriveLaw,
-    drive_memory: DriveMemory,
-    voltages: tuple[float, float],
-    samples: Array,
-) -> None:
-    """Advance `state` in place by all physics steps of a tick.
+class Rig(NamedTuple):
+    """Parameters and state of a bicycle model for the compiled loop; the arrays are modified in place.
 
-    `state` = (x, y, yaw, v, gamma, delta, distance travelled, steering angle at the cylinder). The kernel writes the
-    steering angle and the pedal position after each of the n steps to `samples` (2, n).
+    `state` = (x, y, yaw, v, gamma, delta, distance travelled, steering angle at the cylinder).
     """
-    for i in range(samples.shape[1]):
+
+    law: BicycleLaw
+    state: Array
+    valve: ValveLaw
+    valve_memory: ValveMemory
+    drive: DriveLaw
+    drive_memory: DriveMemory
+    samples: Matrix  # Steering angle, pedal, and angles of both front wheels after each step, shape (4, n)
+    shown: Shown
+
+
+@kernel
+def run_steps(rig: Held[Rig], voltages: tuple[float, float], first: int, clear: bool) -> tuple[bool, bool]:
+    """Advance the bicycle by the physics steps of a tick, starting with step `first`, and move the drawn tractor.
+
+    The results are True, unless MuJoCo has reported an error, and `clear`.
+    """
+    p, state, valve, valve_memory, drive, drive_memory, samples, shown = fetched(rig)
+    for i in range(first, samples.shape[1]):
         flow = valve_step(valve, valve_memory, voltages[0])
         stop = p.steer_limit + p.play
         state[7] = min(max(state[7] + flow / p.displacement * drive.dt, -stop), stop)
@@ -208,15 +221,42 @@ def run_steps(
         u = drive_step(drive, drive_memory, voltages[1])
         step(p, state, u, state[5], drive.dt)
         state[6] += u * drive.dt
-        samples[0, i] = state[5]
-        samples[1, i] = drive_memory.pedal[0]
+        samples[0, i], samples[1, i], side = state[5], drive_memory.pedal[0], p.track_ratio * tan(state[5])
+        # Ackermann geometry: the axes of all wheels meet at the turning centre
+        samples[2, i], samples[3, i] = atan2(tan(state[5]), 1 - side), atan2(tan(state[5]), 1 + side)
+    return show(shown, state[0], state[1], state[2], state[5], state[6]) == 0, clear
+
+
+@jit
+def look(rig: Held[Rig], t: float) -> tuple[Held[Truth], TractorMotion]:
+    """Return the true state at time `t` [s], and the motion of the tractor. The model has no roll, pitch and wheel
+    slip."""
+    p, state, valve, valve_memory, _, drive_memory, samples, _ = fetched(rig)
+    x, y, psi, v, gamma, delta = state[0], state[1], state[2], state[3], state[4], state[5]
+    u, pedal, yaw, rates = drive_memory.speed[0], drive_memory.pedal[0], wrap(state[2]), (0.0, 0.0, state[4])
+    dx, dy = from_heading(psi, -p.l_r, 0.0)
+    vx, vy = from_heading(psi, u, v - p.l_r * gamma)
+    arm_x, arm_y = from_heading(psi, p.antenna[0], p.antenna[1])
+    cg = Motion((x, y, p.cg_height), (*planar_velocity(psi, u, v), 0.0))
+    rear = Motion((x + dx, y + dy, 0.0), (vx, vy, 0.0))
+    antenna = Motion((x + dx + arm_x, y + dy + arm_y, p.antenna[2]), (vx - gamma * arm_y, vy + gamma * arm_x, 0.0))
+    fastest = max(abs(cg.velocity[0]), abs(cg.velocity[1])) if isfinite(state.sum()) else inf
+    flow = static_flow(valve, valve_memory.spool[0])
+    steer, pedals, knuckles, unknown = samples[0].copy(), samples[1].copy(), samples[2:].copy(), (nan, nan)
+    return held(Truth(
+        t, x, y, p.cg_height, yaw, 0.0, 0.0, u, v, gamma, delta, pedal, rear.place[0], rear.place[1], antenna.place,
+        antenna.velocity, steer, pedals, u, rates, knuckles, rear.velocity, unknown,
+    )), TractorMotion(
+        cg, antenna, rear, (yaw, 0.0, 0.0), u, v, gamma, rates, delta, pedal, u / p.rear_radius, (flow, nan, nan),
+        fastest, 1.0, False,
+    )  # fmt: skip
 
 
 class BicycleState(NamedTuple):
     """Saved state of a `BicyclePlant`."""
 
     arrays: tuple[AnyArray, ...]  # Copies of the motion state, the samples, and the states of valve and driveline
-    valve: ValveLaw  # Valve parameters in the last tick, including wear
+    conditions: Conditions  # Conditions of the last tick, of which wear changes the valve
     ticks: int
 
 
@@ -225,7 +265,7 @@ class BicyclePlant(RunningPlant):
 
     def __init__(self, spec: Bicycle, machine: Machine, ground: Ground, clock: Clock = CLOCK) -> None:
         tractor = machine.tractor
-        self.law = BicycleLaw(
+        law = BicycleLaw(
             m=tractor.mass_kg,
             I_z=tractor.yaw_inertia_kg_m2,
             l_f=tractor.cg_to_front_axle,
@@ -235,35 +275,39 @@ class BicyclePlant(RunningPlant):
             steer_limit=tractor.steer_limit,
             displacement=machine.cylinder.displacement,
             play=radians(machine.linkage.backlash_deg) / 2,
+            cg_height=tractor.cg_height_m,
+            track_ratio=tractor.track_m / (2 * tractor.wheelbase_m),
+            antenna=tractor.antenna,
+            rear_radius=tractor.rear_wheel_radius_m,
         )
-        self.tractor, self.ground = tractor, ground
+        self.ground, self.ghost, self.conditions, self.braking = ground, Ghost(tractor), NOMINAL, 0.0
+        self.scene, self.clear, self.ticks, self.tick_s = self.ghost.scene, False, 0, clock.tick_s
         self.nominal_valve, self.valve_memory = valve_law(machine.valve, clock.dt)
-        self.valve = self.nominal_valve
-        self.drive, self.drive_memory = drive_law(machine.driveline, clock.dt)
-        self.state = np.zeros(8)
-        self.samples = np.zeros((2, clock.steps))
-        self.ticks, self.tick_s = 0, clock.tick_s
-        self.ghost = Ghost(tractor)
-        self.scene = self.ghost.scene
+        drive, self.drive_memory = drive_law(machine.driveline, clock.dt)
+        self.state, self.samples = np.zeros(8), np.zeros((4, clock.steps))
+        moved = self.state, self.nominal_valve, self.valve_memory, drive, self.drive_memory
+        self.parts = Rig(law, *moved, self.samples, self.ghost.shown)
+        self.rig = held(self.parts, as_it_is=True)
+        self._compile((np.zeros((0, 6)), *poses_of(self.ghost.data)), run_steps, look)
+        self._look()
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
         """Place the tractor at rest with its CG at the start of the path; return the true state."""
+        self._apply_conditions(conditions)
         self.state[:] = 0.0
         self.samples[:] = 0.0
         reset_valve(self.valve_memory)
         reset_drive(self.drive_memory)
         self.state[:3] = start.x, start.y, start.yaw
         self.ticks = 0
+        self._update_bodies()
         return self.truth()
 
-    def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
-        """Simulate one tick; return the true state. Of the faults in `conditions`, only wear of the steering valve has
-        an effect."""
-        self.valve = worn_valve(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
-        valve, drives = (self.valve, self.valve_memory), (self.drive, self.drive_memory)
-        run_steps(self.law, self.state, *valve, *drives, (drive.steer_voltage, drive.powered_pedal), self.samples)
-        self.ticks += 1
-        return self.truth()
+    def _apply_conditions(self, conditions: Conditions) -> None:
+        """Set the conditions of the next tick. Of the faults, only wear of the steering valve has an effect."""
+        self.conditions = conditions
+        valve = worn_valve(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
+        self.rig = held(self.parts._replace(valve=valve), as_it_is=True)
 
     @property
     def _arrays(self) -> tuple[AnyArray, ...]:
@@ -271,68 +315,16 @@ class BicyclePlant(RunningPlant):
 
     def save(self) -> BicycleState:
         """Return a copy of the complete state of the plant, for the method `restore`."""
-        return BicycleState(copies(self._arrays), self.valve, self.ticks)
+        return BicycleState(copies(self._arrays), self.conditions, self.ticks)
 
     def restore(self, state: BicycleState) -> None:
         """Restore a state that `save` has returned."""
         write(self._arrays, state.arrays)
-        self.valve, self.ticks = state.valve, state.ticks
-
-    def truth(self) -> Truth:
-        """Return the true state of the tractor at the end of the last tick."""
-        x, y, yaw, v, gamma, delta = self.state[:6].tolist()
-        u, l_r = float(self.drive_memory.speed[0]), self.law.l_r
-        dx, dy = from_heading(yaw, -l_r, 0.0)
-        vx, vy = from_heading(yaw, u, v - l_r * gamma)
-        ahead, left, up = self.tractor.antenna
-        arm_x, arm_y = from_heading(yaw, ahead, left)
-        return Truth(
-            t=self.ticks * self.tick_s,
-            x=x,
-            y=y,
-            z=self.tractor.cg_height_m,
-            yaw=wrap(yaw),
-            pitch=0.0,
-            roll=0.0,
-            speed=u,
-            lateral_speed=v,
-            yaw_rate=gamma,
-            steer=delta,
-            pedal=float(self.drive_memory.pedal[0]),
-            rear_x=x + dx,
-            rear_y=y + dy,
-            antenna=(x + dx + arm_x, y + dy + arm_y, up),
-            antenna_velocity=(vx - gamma * arm_y, vy + gamma * arm_x, 0.0),
-            steer_samples=self.samples[0].copy(),
-            pedal_samples=self.samples[1].copy(),
-            knuckle_samples=self._knuckles(self.samples[0]),
-            wheel_speed=u,
-            body_rates=(0.0, 0.0, gamma),
-            rear_velocity=(vx, vy, 0.0),
-        )
-
-    def _knuckles(self, delta: Array) -> Any:
-        """Return the Ackermann angles of the left and right front wheels [rad], shape (2, n), for the steering angles
-        `delta` (n,)."""
-        t_2L = self.tractor.track_m / (2 * self.tractor.wheelbase_m)
-        return np.stack([np.arctan2(np.tan(delta), 1 - side * t_2L * np.tan(delta)) for side in (1, -1)])
-
-    def poses(self) -> Array:
-        """Return the position x y z [m] and quaternion w x y z of every body in the scene, shape (bodies, 7)."""
-        x, y, yaw, _, _, delta, travelled, _ = self.state.tolist()
-        return self.ghost.poses(x, y, yaw, delta, travelled)
+        self._apply_conditions(state.conditions)
+        self.ticks = state.ticks
+        self._update_bodies()
+        self._look()
 
     def configuration(self) -> Array:
         """Return the generalised positions (`qpos`) of the MuJoCo tractor that images show, shape (nq,)."""
-        self.poses()
         return np.array(self.ghost.data.qpos)
-
-    def actuation(self) -> tuple[float, float, float]:
-        """Return the steering oil flow [m3/s]; pressure and torque are NaN, because the model does not contain them."""
-        return static_flow(self.valve, float(self.valve_memory.spool[0])), nan, nan
-
-    def trouble(self) -> str | None:
-        """Return the outcome that ends the run (diverged or left_terrain), or None if the run continues."""
-        if not isfinite(self.state.sum()):
-            return "diverged"
-        return None if self.ground.covers(self.state[0], self.state[1]) else "left_terrain"

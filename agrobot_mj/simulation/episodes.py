@@ -39,10 +39,16 @@ from agrobot_mj.core.signals import (
 )
 from agrobot_mj.estimation.base import CompiledEstimator, Readings, estimator_form
 from agrobot_mj.paths.route import references_at
-from agrobot_mj.plants import MujocoPlant
+from agrobot_mj.plants.base import (
+    DIVERGED_SPEED,
+    ROLLOVER_COSINE,
+    PlantCode,
+    TractorMotion,
+    look_form,
+    report_form,
+    steps_form,
+)
 from agrobot_mj.plants.mujoco.c_api import fail
-from agrobot_mj.plants.mujoco.plant import DIVERGED_SPEED, ROLLOVER_COSINE
-from agrobot_mj.plants.mujoco.stepping import PlantCode, TractorMotion, look_form, report_form, steps_form
 from agrobot_mj.sensors.gnss import CLEAR
 from agrobot_mj.sensors.sensing import Addresses, Laws, SensorReadings, Values, sense
 from agrobot_mj.simulation.checks import ABSURD_STEER, is_finite, possible
@@ -253,10 +259,10 @@ def _logged(
     )
     k, done = COMMON, True
     for quantity in range(6):
-        for wheel in range(4):
+        for wheel in range(plant.wheels.shape[0]):
             row[k] = plant.wheels[wheel, quantity]
             k += 1
-    if plant.reports:
+    if plant.report != 0:
         done, report = _report(plant.report, (plant.rig,))
         for i, value in enumerate(report):
             row[s.columns.implement[i]] = value
@@ -293,16 +299,9 @@ def _scatter(row: Vector, columns: Index, values: Vector) -> None:
 def _moved(now: Current, drive: Drive, plant: PlantCode) -> tuple[bool, Held[Truth], TractorMotion, bool]:
     """Advance the plant by a tick. Return True on success, the true state, the motion and the new `Current.clear`."""
     volts = drive.steer_voltage, nan if drive.brake > 0.0 else drive.pedal_voltage
-    steps, done, count, clear = plant.samples.shape[1], True, 0, now.clear
-    if clear:
-        plant.flags[0] = plant.contactless
-        done, (count, clear) = _steps(plant.steps, (plant.rig, volts, 0, True))
-        plant.flags[0] = plant.plain
-    if done and 0 <= count < steps:
-        done, (count, clear) = _steps(plant.steps, (plant.rig, volts, count, False))
-    t = (now.ticks + 1) * TICK_S
-    looked, (truth, motion) = _look(plant.look, (plant.rig, plant.samples, t, plant.radius))
-    return done and count == steps and looked, truth, motion, clear
+    done, (moved, clear) = _steps(plant.steps, (plant.rig, volts, 0, now.clear))
+    looked, (truth, motion) = _look(plant.look, (plant.rig, (now.ticks + 1) * TICK_S))
+    return done and moved and looked, truth, motion, clear
 
 
 @jit
@@ -437,7 +436,7 @@ class Episodes:
         s, regular = loop.scenario, self.possible and loop.has_sensed and state.conditions is NOMINAL
         if not regular or sensors.delivery.pending or loop.plant.trouble() is not None:
             return None
-        if cast(MujocoPlant, loop.plant).conditions != NOMINAL:  # of the last tick of a fault
+        if loop.plant.conditions != NOMINAL:  # of the last tick of a fault
             return None
         if self.filter:
             estimator: Linked | None = self.filter.linked(state.estimator)
@@ -474,7 +473,7 @@ class Episodes:
 
     def _perform(self, stages: LinkedStages, standstill: Standstill, most: int) -> tuple[int, Standstill]:
         loop, rows, (measured, situation) = self.loop, self.rows, self.loop.now()
-        plant = cast(MujocoPlant, loop.plant)
+        plant = loop.plant
         if (parts := plant.code()) is None or measured.fix is None:
             return 0, standstill
         try:
@@ -515,7 +514,7 @@ class Episodes:
         HISTORY_S before the next fault.
         """
         loop, rows, path, near = self.loop, self.rows, self.loop.scenario.path, guidance.inputs.s
-        times: Any = (cast(MujocoPlant, loop.plant).ticks + np.arange(most + 1)) * TICK_S
+        times: Any = (loop.plant.ticks + np.arange(most + 1)) * TICK_S
         t, ahead = float(times[0]), 0.0 if isnan(near) else near + AHEAD_M
         ahead += 2.0 * path.speed_m_s * most * TICK_S
         samples, legs, sampled = loop.route.sampled(float(times[-1]), ahead)
@@ -541,14 +540,14 @@ class Episodes:
         estimator, guidance, supervision = stages
         loop, generators = self.loop, self.loop.stages.sensors.sensors.generators
         return Links(
-            *loop.suite.compiled_form(generators, cast(MujocoPlant, loop.plant).samples.shape[1]),
+            *loop.suite.compiled_form(generators, loop.plant.samples.shape[1]),
             *(estimator.law, estimator.inputs, guidance.law, supervision.law if supervision else guidance.law),
             loop.loops.part.law,
         )
 
     def _setting(self, stages: LinkedStages) -> RunNumbers:
         loop, s = self.loop, self.loop.scenario
-        limit, plant = s.tractor.steer_limit, cast(MujocoPlant, loop.plant)
+        limit, plant = s.tractor.steer_limit, loop.plant
         return RunNumbers(
             dual=s.sensors.gnss.dual_antenna.enabled,
             supervises=stages[2] is not None,
@@ -570,7 +569,7 @@ class Episodes:
         standstill: Standstill,
     ) -> Current:
         estimator, guidance, supervision = stages
-        loop, state, plant = self.loop, self.loop.stages, cast(MujocoPlant, self.loop.plant)
+        loop, state, plant = self.loop, self.loop.stages, self.loop.plant
         filters = loop.scenario.estimator
         return Current(
             truth=loop.seen,
@@ -600,7 +599,7 @@ class Episodes:
         to the current tick; otherwise the plant has moved since.
         """
         loop, state = self.loop, self.loop.stages
-        cast(MujocoPlant, loop.plant).resume(now.truth, now.motion, now.clear, now.ticks)
+        loop.plant.resume(now.truth, now.motion, now.clear, now.ticks)
         loop.seen, state.wiring = now.truth, now.drive
         if not self.law:
             state.guidance = loop.guidance.resumed(state.guidance, now.guidance, now.followed, now.guided)

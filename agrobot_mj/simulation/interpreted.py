@@ -19,7 +19,6 @@ from agrobot_mj.core.reporting import Reporting
 from agrobot_mj.core.signals import TICK_S, Command, Estimate, Fix, Matrix, Measurement, Reference, Vector
 from agrobot_mj.estimation.base import Readings
 from agrobot_mj.faults.base import Scripted
-from agrobot_mj.plants import MujocoPlant
 from agrobot_mj.sensors.implement_gnss import ImplementFix
 from agrobot_mj.sensors.imu import Attitude
 from agrobot_mj.sensors.sensing import SensorReadings
@@ -87,7 +86,6 @@ def interpreted_stages(loop: Loop) -> tuple[str, ...]:
     """
     s, suite = loop.scenario, loop.suite
     in_python = {
-        "plant": type(loop.plant) is not MujocoPlant,
         "sensors": not (suite.plain and suite.compiled_only),
         "fault": any(type(fault).active is not Scripted.active for fault in s.fault),
         "estimator": s.estimator.interpreted,

@@ -25,7 +25,7 @@ from agrobot_mj.core.machine_code import _Library
 from agrobot_mj.core.signals import NOMINAL, Drive, Vector
 from agrobot_mj.core.spec import every
 from agrobot_mj.plants import Bicycle, BicyclePlant, Mujoco, MujocoPlant
-from agrobot_mj.plants.mujoco.implement import Motion
+from agrobot_mj.plants.base import Motion
 from agrobot_mj.terrain import Rough
 from agrobot_mj.terrain.grid import height_and_gradient, plane
 from agrobot_mj.tyres import Tyre
@@ -80,7 +80,7 @@ def test_compiled_results_are_constructed_without_python_calls():
     plant = MujocoPlant(Mujoco(settle_s=0.0), load_scenario("hills").vehicle, plane(0.0, 0.0, 5.0))
 
     def work():
-        return plant._observe(plant.rig, plant.samples, 0.0, 0.3)[1], making(3.0)
+        return plant._observe(plant.rig, 0.0)[1], making(3.0)
 
     making = jit(tripled)
     expected, calls = work(), []

@@ -239,6 +239,7 @@ def test_nan_state_diverges_and_a_saved_state_continues():
     again = [plant.advance(Drive(5.0, 7.0)) for _ in range(10)][-1]
     assert again[:14] == ahead[:14]
     plant.state[3] = np.nan
+    plant.advance(Drive(5.0, 7.0))
     assert plant.trouble() == "diverged"
 
 

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from numba import config
 
+from agrobot_mj.plants.bicycle import BicycleState
 from agrobot_mj.scenario.loading import load_scenario, scenario_files
+from agrobot_mj.scenario.reference import families
 from agrobot_mj.simulation.snapshot import loop_state
 from agrobot_mj.simulation.stepping import Simulation
 
@@ -72,7 +74,8 @@ def driven(name: str, overrides: dict[str, Any], ticks: Any) -> Simulation:
 
 def numbers(value: Any) -> Any:
     """Return the arrays of a plant state as bytes."""
-    return [np.ascontiguousarray(part).tobytes() for part in (value.physics, *value.memories)]
+    arrays = value.arrays if isinstance(value, BicycleState) else (value.physics, *value.memories)
+    return [np.ascontiguousarray(part).tobytes() for part in arrays]
 
 
 def check_equal(a: Simulation, b: Simulation) -> None:
@@ -89,6 +92,21 @@ def test_episodes_equal_single_ticks_bit_for_bit(case):
     overrides = overrides if load_scenario(name).expected_outcome != "completed" else {**overrides, "duration_s": 20.0}
     single, episodes = driven(name, overrides, lambda: 0), driven(name, overrides, lambda: 200)
     check_equal(single, episodes)
+
+
+KINDS = families()
+BICYCLE: list[dict[str, Any]] = [
+    *({"guidance.kind": kind} for kind, law in KINDS["guidance"].items() if not law.outside),
+    *({"controller.kind": kind} for kind in KINDS["controller"]),
+    *({"estimator.kind": kind, "guidance.kind": "lqr", "seed": 7} for kind in KINDS["estimator"]),
+    *({"fault": [{"kind": kind, "start_s": 7.0, "end_s": 8.0}], "seed": 3} for kind in KINDS["fault"]),
+]
+
+
+@pytest.mark.parametrize("overrides", BICYCLE, ids=str)
+def test_episodes_of_the_bicycle_equal_single_ticks_bit_for_bit(overrides):
+    overrides = {**SENSORS, "plant.kind": "bicycle", "duration_s": 11.0, **overrides}
+    check_equal(driven("figure_eight", overrides, lambda: 0), driven("figure_eight", overrides, lambda: 200))
 
 
 @pytest.mark.parametrize(

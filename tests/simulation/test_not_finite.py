@@ -22,6 +22,7 @@ from agrobot_mj.simulation.low_level import LowLevelLoops
 from agrobot_mj.simulation.run import run as run_without_hints
 from agrobot_mj.simulation.storage import write_log
 
+pytestmark = pytest.mark.usefixtures("single_ticks")
 SHORT = {"duration_s": 1.5, "plant.kind": "bicycle", "supervisor.enabled": False}
 
 
@@ -61,6 +62,11 @@ def second(**fields):
     return lambda found: (found[0], found[1]._replace(**fields))
 
 
+def moved(**fields):
+    """Return a function that changes the true state returned by a plant."""
+    return lambda truth: held(fetched(truth)._replace(**fields))
+
+
 def without(field, state):
     """Return the state of an estimator in which the array `field` is NaN."""
     numbers = fetched(state.numbers)
@@ -68,15 +74,9 @@ def without(field, state):
 
 
 STAGES = [
-    (BicyclePlant, "truth", lambda truth: truth._replace(antenna=(nan, 0.0, 2.0)), "truth.antenna is nan", "bicycle"),
-    (BicyclePlant, "truth", lambda truth: truth._replace(yaw=inf), "truth.yaw is inf", "bicycle"),
-    (
-        BicyclePlant,
-        "truth",
-        lambda truth: truth._replace(steer_samples=truth.steer_samples * nan),
-        "truth.steer_samples is nan",
-        "bicycle",
-    ),
+    (BicyclePlant, "advanced", moved(antenna=(nan, 0.0, 2.0)), "truth.antenna is nan", "bicycle"),
+    (BicyclePlant, "advanced", moved(yaw=inf), "truth.yaw is inf", "bicycle"),
+    (BicyclePlant, "advanced", moved(steer_samples=np.full(25, nan)), "truth.steer_samples is nan", "bicycle"),
     (Ekf, "update", second(yaw=nan), "estimate.yaw is nan", "ekf"),
     (Ekf, "update", second(yaw_rate=-inf), "estimate.yaw_rate is -inf", "ekf"),
     (Ekf, "update", second(sideslip=nan), "estimate.sideslip is nan", "ekf"),
@@ -249,14 +249,14 @@ def test_run_that_diverges_while_settling_has_one_log_row_without_values(monkeyp
 
 def test_diverging_plant_ends_the_run_as_diverged(monkeypatch):
     scenario = load_scenario("figure_eight", SHORT)
-    whole = BicyclePlant.advance
+    whole = BicyclePlant.advanced
 
-    def advance(plant, drive: Drive, conditions):
+    def advanced(plant, drive: Drive, conditions):
         if plant.ticks == 5:
             plant.state[0] = nan
         return whole(plant, drive, conditions)
 
-    monkeypatch.setattr(BicyclePlant, "advance", advance)
+    monkeypatch.setattr(BicyclePlant, "advanced", advanced)
     assert "(bicycle) is not finite" in run(scenario).metrics["stop_reason"]
 
 

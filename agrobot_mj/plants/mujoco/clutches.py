@@ -10,7 +10,7 @@ import mujoco
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.machine import Machine
-from agrobot_mj.plants.mujoco.stepping import TractorMotion
+from agrobot_mj.plants.base import TractorMotion
 
 CLOSES_BELOW_DEG = 3.0
 """Steering angle at release of a clutch minus steering angle at its engagement [deg]. Assumed value (range 2-5)."""

@@ -3,16 +3,20 @@
 `Ghost` computes the poses of a MuJoCo tractor for the bicycle plant, which has no bodies.
 """
 
+from functools import lru_cache
 from math import cos, sin
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from agrobot_mj.core.geometry import from_heading
-from agrobot_mj.core.signals import Array
+from agrobot_mj.core.kernels import kernel
+from agrobot_mj.core.signals import Array, Index
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants.mujoco.bodywork import HIDDEN, KINDS
+from agrobot_mj.plants.mujoco.c_api import kinematics
 from agrobot_mj.plants.mujoco.model import ackermann_coefficients, tractor_spec
 from agrobot_mj.plants.scene import Geom, Mesh, Scene
 
@@ -52,26 +56,53 @@ def poses_of(data: mujoco.MjData) -> tuple[Array, Array]:
     return data.xpos[1:], data.xquat[1:]
 
 
+class Shown(NamedTuple):
+    """Inputs of `show`: model and data of a `Ghost`, and dimensions of its tractor."""
+
+    model: int
+    data: int
+    qpos: Array
+    at: Index  # Indices of the crank, the front wheel angles and the four wheel rotations in qpos, shape (7,)
+    left: Array  # Coefficients of the polynomial from the virtual steering angle to the left wheel angle, shape (5,)
+    behind: float  # Distance from the CG to the rear axle [m]
+    radii: tuple[float, float]  # Radii of the front and rear wheels [m]
+
+
+@kernel
+def show(g: Shown, x: float, y: float, yaw: float, steer: float, travelled: float) -> int:
+    """Compute the poses of all bodies for a position of the CG [m], yaw and steering angle [rad], and distance
+    travelled [m]. Return 1 after an error, else 0."""
+    back_x, back_y = from_heading(yaw, -g.behind, 0.0)
+    q, left, right = g.qpos, 0.0, 0.0
+    q[0], q[1], q[3], q[6] = x + back_x, y + back_y, cos(yaw / 2), sin(yaw / 2)
+    for k in range(4, -1, -1):
+        left, right = left * steer + g.left[k], -right * steer + g.left[k]
+    q[g.at[0]], q[g.at[1]], q[g.at[2]] = steer, left, -right
+    for k in range(3, 7):
+        q[g.at[k]] = travelled / g.radii[0 if k < 5 else 1]
+    return int(kinematics(g.model, g.data))
+
+
+@lru_cache(maxsize=8)
+def _compiled(tractor: TractorParameters) -> tuple[mujoco.MjModel, Scene]:
+    model = tractor_spec(Machine(tractor)).compile()
+    return model, scene_of(model)
+
+
 class Ghost:
     """MuJoCo tractor on level ground that shows the planar state of the bicycle plant in images."""
 
     def __init__(self, tractor: TractorParameters) -> None:
-        self.model = tractor_spec(Machine(tractor)).compile()
+        self.model, self.scene = _compiled(tractor)
         self.data = mujoco.MjData(self.model)
-        self.scene = scene_of(self.model)
-        self.tractor, self.left = tractor, ackermann_coefficients(tractor)
         joints = ("steer", "steer_fl", "steer_fr", "spin_fl", "spin_fr", "spin_rl", "spin_rr")
-        self.at = [int(self.model.joint(name).qposadr[0]) for name in joints]
-
-    def poses(self, x: float, y: float, yaw: float, steer: float, travelled: float) -> Array:
-        """Return the poses of all bodies, shape (bodies, 7), for a position of the CG [m], yaw and steering angle
-        [rad], and distance travelled [m]."""
-        back_x, back_y = from_heading(yaw, -self.tractor.cg_to_rear_axle, 0.0)
-        q = self.data.qpos
-        q[:7] = x + back_x, y + back_y, 0.0, cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)
-        front = travelled / self.tractor.front_wheel_radius_m
-        rear = travelled / self.tractor.rear_wheel_radius_m
-        powers = steer ** np.arange(5)
-        q[self.at] = steer, self.left @ powers, -self.left @ (-steer) ** np.arange(5), front, front, rear, rear
-        mujoco.mj_kinematics(self.model, self.data)
-        return np.concatenate(poses_of(self.data), axis=1)
+        self.data.qpos[:7] = 0.0
+        self.shown = Shown(
+            model=self.model._address,
+            data=self.data._address,
+            qpos=self.data.qpos,
+            at=np.array([int(self.model.joint(name).qposadr[0]) for name in joints]),
+            left=ackermann_coefficients(tractor),
+            behind=tractor.cg_to_rear_axle,
+            radii=(tractor.front_wheel_radius_m, tractor.rear_wheel_radius_m),
+        )

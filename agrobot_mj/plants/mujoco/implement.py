@@ -1,7 +1,7 @@
 """Implement of the simulated tractor: MuJoCo model, inputs of the compiled loop, log columns, and antenna motion."""
 
 from math import exp, inf, log1p, nan, radians, sqrt
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -169,13 +169,6 @@ def attached(
         fold_q=fold_q,
         fold=fold,
     )
-
-
-class Motion(NamedTuple):
-    """Position and velocity of a point in ENU coordinates."""
-
-    place: tuple[float, float, float]  # Position of the point, ENU [m]
-    velocity: tuple[float, float, float]  # Velocity of the point, ENU [m/s]
 
 
 def fold_joint(hitched: HitchedBody, model: mujoco.MjModel) -> tuple[int, float]:

@@ -1,59 +1,39 @@
 """Plant that simulates the tractor with MuJoCo."""
 
 import sys
-from collections.abc import Sequence
-from math import cos, hypot, radians
-from typing import Any
+from math import hypot
 
 import mujoco
 import numpy as np
 
-from agrobot_mj.core.calls import address_of
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.held import Held
 from agrobot_mj.core.interrupts import deliver
-from agrobot_mj.core.kernels import bound, fetched, held
-from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, WHEELS, Array, Column, Conditions, Drive, Reference, Truth
+from agrobot_mj.core.kernels import held
+from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, WHEELS, Array, Conditions, Drive, Reference, Truth
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import drive_law, reset_drive
 from agrobot_mj.machine.hydraulics import reset_valve, valve_law, worn_valve
 from agrobot_mj.machine.tractor import GRAVITY
-from agrobot_mj.plants.base import Clock, RunningPlant, copies, write
+from agrobot_mj.plants.base import Clock, PlantCode, RunningPlant, copies, write
 from agrobot_mj.plants.mujoco.build import Mujoco, Payloads, build
-from agrobot_mj.plants.mujoco.c_api import fail, flags_of
+from agrobot_mj.plants.mujoco.c_api import flags_of
 from agrobot_mj.plants.mujoco.clearance import clearance_of
 from agrobot_mj.plants.mujoco.clutches import Clutches
 from agrobot_mj.plants.mujoco.drawing import poses_of
-from agrobot_mj.plants.mujoco.implement import COLUMNS, memories_of
+from agrobot_mj.plants.mujoco.implement import memories_of
 from agrobot_mj.plants.mujoco.loads import AHEAD, CENTRE, HUNG, LEFT, PULL, SIDE, no_loads
 from agrobot_mj.plants.mujoco.native_contact import NativeContacts
 from agrobot_mj.plants.mujoco.payload import Chassis
 from agrobot_mj.plants.mujoco.saving import INTEGRATION, MujocoState, step_results
 from agrobot_mj.plants.mujoco.settling import REST_M_S, RecentMotion, Settled, Tilt, drive_holds, pose_on, start_warning
-from agrobot_mj.plants.mujoco.stepping import (
-    FAILED,
-    Actuators,
-    Assembly,
-    PlantCode,
-    TractorMotion,
-    Tyred,
-    look,
-    look_form,
-    oil_of,
-    report_form,
-    reported,
-    run_steps,
-    steps_form,
-)
+from agrobot_mj.plants.mujoco.stepping import Actuators, Assembly, Tyred, look, oil_of, reported, run_steps
 from agrobot_mj.plants.mujoco.views import CHASSIS, views_of
 from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.memory import AnyArray, RutMap, forget, restore, rut_map, saved
 from agrobot_mj.tyres.laws import with_soil_memory
 
 CLOCK = Clock()
-CONTACTLESS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-ROLLOVER_COSINE = cos(radians(60))
-"""Cosine of the tilt angle above which the tractor has rolled over [-]. Assumed value, beyond all tip-over angles."""
 STICKING_SPIN, STICKING_CONTACT = 0.03, 1e4
 """Factors on MuJoCo's `dof_invweight0` of the wheels and on MuJoCo's `impratio` while the brake is applied [-].
 
@@ -62,7 +42,6 @@ um/s with the tyre `contact`.
 """
 OFFSET_M, PLACINGS = 0.001, 3
 """Distance from the start above which a settled tractor is placed again [m], and maximum number of placements [-]."""
-DIVERGED_SPEED = 100.0  # Speed above which the simulation has diverged [m/s]. Assumed value.
 
 
 class MujocoPlant(RunningPlant):
@@ -104,15 +83,11 @@ class MujocoPlant(RunningPlant):
         )
         self.settle_ticks = round(spec.settle_s / clock.tick_s)
         self.tick_s, self.ticks = clock.tick_s, 0
-        self.sites = [np.array(self.model.site(name).pos) for name in ("cg", "antenna")]
-        self._poses = poses_of(self.data)
-        self._places: tuple[int, int, int] | None = None  # Addresses of the functions of a tick
+        self.sites = np.array(self.model.site("cg").pos), np.array(self.model.site("antenna").pos)
         self.clearance, self.clear = clearance_of(self.model), False
-        self.option, self.flags = self.model.opt, self.model.opt.disableflags
-        self.rig = self._rig()
-        self._run = bound(run_steps, self.rig, (NEUTRAL_V, NEUTRAL_V), 0, False)
-        self._observe = bound(look, self.rig, self.samples, 0.0, 0.0)
-        self._reported = bound(reported, self.rig) if self.has_implement else None
+        self.option, self.rig = self.model.opt, self._rig()
+        shown = self.tyred.report, *poses_of(self.data)
+        self._compile(shown, run_steps, look, *([reported] if self.has_implement else []))
         self._look()
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
@@ -190,20 +165,11 @@ class MujocoPlant(RunningPlant):
             self.option.gravity[:] = gravity
         return recent
 
-    def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
-        """Simulate one tick at constant valve voltages and conditions; return the true state at the end of the tick."""
-        return fetched(self.advanced(drive, conditions))
-
     def advanced(self, drive: Drive, conditions: Conditions = NOMINAL) -> Held[Truth]:
-        """Simulate one tick at constant valve voltages and conditions; return the true state as a `Held` reference."""
-        if conditions != self.conditions:
-            self._apply_conditions(conditions)
+        """Simulate one tick as in `advance`; return a `Held` reference to the true state, which saves time."""
         if self.clutches.switched:
             self.clutches.update(self.motion)
-        self.step_through(drive)
-        self.ticks += 1
-        self._look()
-        return self.seen
+        return super().advanced(drive, conditions)
 
     def step_through(self, drive: Drive) -> None:
         """Simulate the physics steps of one tick at constant valve voltages, without computing the true state."""
@@ -211,58 +177,16 @@ class MujocoPlant(RunningPlant):
             self.contacts.set_friction()
         if drive.brake != self.braking:
             self._brake(drive.brake)
-        arguments, done = (self.rig, (drive.steer_voltage, drive.powered_pedal)), 0
-        if self.clear:
-            self.option.disableflags = self.flags | CONTACTLESS
-            done, self.clear = self._run(*arguments, done, True)
-            self.option.disableflags = self.flags
-        if 0 <= done < self.samples.shape[1]:
-            done, self.clear = self._run(*arguments, done, False)
-        if done == FAILED:
-            fail()
+        super().step_through(drive)
 
     def code(self) -> PlantCode | None:
         """Return the data for ticks that run in compiled code, or None if ticks need Python (switched clutches, MuJoCo
         contact)."""
-        if self.contacts or self.clutches.switched:
-            return None
-        if self._places is None:
-            self._places = (
-                address_of(run_steps, steps_form, self.rig, (NEUTRAL_V, NEUTRAL_V), 0, False),
-                address_of(look, look_form, self.rig, self.samples, 0.0, 0.0),
-                address_of(reported, report_form, self.rig) if self.has_implement else 0,
-            )
-        poses: Any = self._poses
-        wheels: Any = self.tyred.report
-        return PlantCode(
-            *self._places[:2],
-            rig=self.rig,
-            samples=self.samples,
-            flags=flags_of(self.model),
-            plain=self.flags,
-            contactless=self.flags | CONTACTLESS,
-            radius=self.tractor.rear_wheel_radius_m,
-            extent=self.ground.extent,
-            report=self._places[2],
-            reports=self.has_implement,
-            wheels=wheels,
-            positions=poses[0],
-            quaternions=poses[1],
-        )
-
-    def resume(self, truth: Held[Truth], motion: TractorMotion, clear: bool, ticks: int) -> None:
-        """Store the results of ticks that ran in compiled code: true state, motion, ground clearance, and number of
-        ticks."""
-        self.seen, self.motion, self.clear, self.ticks = truth, motion, clear, ticks
-        self._trouble = self._found_trouble()
-
-    def _update_bodies(self) -> None:
-        """Compute body poses from the generalised positions, and test whether the chassis is clear of the ground."""
-        _, self.clear = self._run(self.rig, (NEUTRAL_V, NEUTRAL_V), self.samples.shape[1], False)
+        return None if self.contacts or self.clutches.switched else super().code()
 
     def _brake(self, share: float) -> None:
         """Apply the fraction `share` [-] of the brake torque as dry friction at the wheels, with reduced creep."""
-        self.braking, stands = share, share > 0.0
+        stands = share > 0.0
         self.model.dof_frictionloss[self.spins_v] = share * self.brake_torques
         self.model.dof_invweight0[self.spins_v] = self.spin_weights * (STICKING_SPIN if stands else 1.0)
         if self.contacts:
@@ -270,13 +194,7 @@ class MujocoPlant(RunningPlant):
 
     def _rig(self) -> Assembly:
         moved = self.views, self.tyred, self.attached, self.loads, self.actuators, self.samples, self.clearance
-        return held(Assembly(*moved, *self.sites), as_it_is=True)
-
-    def _look(self) -> None:
-        t, radius = self.ticks * self.tick_s, self.tractor.rear_wheel_radius_m
-        found: tuple[Truth, TractorMotion] = self._observe(self.rig, self.samples, t, radius)
-        self.seen, self.motion = found
-        self._trouble = self._found_trouble()
+        return held(Assembly(*moved, *self.sites, flags_of(self.model)), as_it_is=True)
 
     def _apply_conditions(self, conditions: Conditions) -> None:
         self.chassis.carry(conditions.payload)
@@ -331,15 +249,6 @@ class MujocoPlant(RunningPlant):
         self.ticks = state.ticks
         self._look()
 
-    def truth(self) -> Truth:
-        """Return the true state of the tractor at the end of the last tick."""
-        self._look()
-        return fetched(self.seen)
-
-    def poses(self) -> Array:
-        """Return the position x y z [m] and quaternion w x y z of every body in the scene, shape (bodies, 7)."""
-        return np.concatenate(self._poses, axis=1)
-
     def configuration(self) -> Array:
         """Return MuJoCo's generalised positions (`qpos`) of the tractor, shape (nq,)."""
         return np.array(self.data.qpos)
@@ -348,43 +257,12 @@ class MujocoPlant(RunningPlant):
         """Return the six tyre quantities in the order of `tyres.patch`, each for four wheels, shape (24,)."""
         if self.contacts:
             self.contacts.read(self.tyred.report)
-        return self.tyred.report.T.ravel()
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """Log columns of the implement, or an empty tuple without an implement."""
-        return COLUMNS if self.has_implement else ()
-
-    def report(self) -> Sequence[float]:
-        """Return the current values of the implement's log columns, or an empty tuple without an implement."""
-        return self._reported(self.rig) if self._reported else ()
+        return super().wheels()
 
     def ruts(self) -> RutMap | None:
         """Return the ruts on the field, or None if the ground has no plastic soil."""
         return rut_map(self.ground.memory) if self.ground.memory.tiles.size else None
 
-    def actuation(self) -> tuple[float, float, float]:
-        """Return the steering oil flow [m3/s], the cylinder pressure [Pa] and the torque on the driven wheels [N m]."""
-        return self.motion.actuation
-
     def warnings(self) -> int:
         """Return the number of MuJoCo warnings since the reset."""
         return int(self.data.warning.number.sum())
-
-    def trouble(self) -> str | None:
-        """Return the outcome that ends the run (rolled_over, jackknifed, left_terrain or diverged), or None."""
-        return self._trouble
-
-    def _found_trouble(self) -> str | None:
-        if self.motion.fastest > DIVERGED_SPEED:
-            return "diverged"
-        if self._fallen:
-            return "rolled_over"
-        if self.motion.folded:
-            return "jackknifed"
-        x, y, _ = self.motion.cg.place
-        return None if self.ground.covers(x, y) else "left_terrain"
-
-    @property
-    def _fallen(self) -> bool:
-        return self.motion.lean_cosine < ROLLOVER_COSINE

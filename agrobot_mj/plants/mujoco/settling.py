@@ -9,8 +9,9 @@ from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import WHEELS, Array, Reference, Truth
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
+from agrobot_mj.plants.base import TractorMotion
 from agrobot_mj.plants.mujoco.clearance import quat_of
-from agrobot_mj.plants.mujoco.stepping import Oil, TractorMotion
+from agrobot_mj.plants.mujoco.stepping import Oil
 from agrobot_mj.terrain import Ground, height_and_gradient
 from agrobot_mj.tyres.patch import FRICTION_USE, LOAD
 

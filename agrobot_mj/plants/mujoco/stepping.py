@@ -1,19 +1,19 @@
 """Physics of one tick: compiled loop over MuJoCo steps with valves, `mj_step1`, loads, tyres and `mj_step2`."""
 
 from math import atan2, cos, hypot, inf, isfinite, isnan, nan, radians, sin
-from types import GenericAlias
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
+import mujoco
 
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.held import Held
 from agrobot_mj.core.kernels import fetched, held, jit, kernel
-from agrobot_mj.core.signals import Array, Index, Matrix, Truth
+from agrobot_mj.core.signals import Array, Index, Truth
 from agrobot_mj.core.vectors import Vector, cross, plus, to_world
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import DriveLaw, DriveMemory, drive_step
 from agrobot_mj.machine.hydraulics import ValveLaw, ValveMemory, beyond_play, loaded_flow, static_flow, valve_step
+from agrobot_mj.plants.base import Motion, Report, TractorMotion
 from agrobot_mj.plants.mujoco.c_api import (
     actuate,
     integrate,
@@ -26,39 +26,16 @@ from agrobot_mj.plants.mujoco.c_api import (
 )
 from agrobot_mj.plants.mujoco.clearance import Clearance, is_clear
 from agrobot_mj.plants.mujoco.coupling import accelerate, is_alone, is_within_stops, set_coupled
-from agrobot_mj.plants.mujoco.implement import COLUMNS, Motion
 from agrobot_mj.plants.mujoco.loads import PULL, SIDE, apply_loads
 from agrobot_mj.plants.mujoco.tools import Attached, apply_tools, carry_point, implement_report
 from agrobot_mj.plants.mujoco.views import CHASSIS, Views
 from agrobot_mj.terrain.grid import Ground
+from agrobot_mj.terrain.memory import AnyArray
 from agrobot_mj.tyres.laws import wheel_step
 from agrobot_mj.tyres.patch import TyreSet, WheelMotion
 
-FAILED = -1  # Result of `run_steps` in place of the number of steps after an error of MuJoCo
-Report: Any = GenericAlias(tuple, (float,) * len(COLUMNS))  # Type of the log values of an implement
+CONTACTLESS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 STEERING, DRIVE = 0, 1  # Indices of the actuators, in the order of `models/tractor.xml`
-
-
-class TractorMotion(NamedTuple):
-    """Motion of the tractor after a step. `Truth` documents the fields that have no comment here."""
-
-    cg: Motion
-    antenna: Motion
-    rear: Motion
-    attitude: Vector  # Yaw, pitch and roll of the chassis [rad]
-    speed: float
-    lateral_speed: float
-    yaw_rate: float
-    body_rates: Vector
-    steer: float
-    pedal: float
-    spin: float  # Mean angular velocity of the rear wheels [rad/s]
-    actuation: Vector
-    """Steering oil flow [m3/s], steering cylinder pressure [Pa] and torque on the driven wheels [N m]."""
-    fastest: float  # Maximum velocity component of CG and antenna [m/s], or infinity if the motion is not finite
-    lean_cosine: float
-    """Cosine of the maximum angle between the vertical and the upward axes of chassis and implement [-]."""
-    folded: bool  # Whether the drawbar of the implement is at its stop
 
 
 class Oil(NamedTuple):
@@ -137,40 +114,7 @@ class Assembly(NamedTuple):
     clearance: Clearance
     cg_site: Array  # Position of the CG in the chassis frame [m], shape (3,)
     antenna_site: Array  # Position of the antenna in the chassis frame [m], shape (3,)
-
-
-class PlantCode(NamedTuple):
-    """Plant for ticks that run in compiled code: addresses of its functions, and arrays that they modify in place."""
-
-    steps: int  # Address of `run_steps`
-    look: int  # Address of `look`
-    rig: Held[Any]
-    samples: Matrix
-    flags: np.ndarray[tuple[int], np.dtype[np.int32]]  # Field `opt.disableflags` of the model, shape (1,)
-    plain: int  # Value of `flags` with contacts
-    contactless: int  # Value of `flags` without contacts
-    radius: float  # Radius of the rear wheels [m]
-    extent: tuple[float, float, float, float]  # Range of x and y of the ground [m]
-    report: int  # Address of `reported`
-    reports: bool  # Whether there is an implement
-    wheels: Matrix  # Report of the tyres, as in `Tyred.report`
-    positions: Matrix  # Positions of the bodies, as in MjData
-    quaternions: Matrix  # Quaternions of the bodies, as in MjData
-
-
-def steps_form(rig: Held[Any], voltages: tuple[float, float], first: int, clear: bool) -> tuple[int, bool]:
-    """Define the signature of `run_steps` for compiled calls. The function itself is never called."""
-    raise NotImplementedError
-
-
-def look_form(rig: Held[Any], samples: Matrix, t: float, radius: float) -> tuple[Held[Truth], TractorMotion]:
-    """Define the signature of `look` for compiled calls. The function itself is never called."""
-    raise NotImplementedError
-
-
-def report_form(rig: Held[Any]) -> Report:
-    """Define the signature of `reported` for compiled calls. The function itself is never called."""
-    raise NotImplementedError
+    flags: AnyArray  # Field `opt.disableflags` of the model, shape (1,)
 
 
 @kernel
@@ -285,19 +229,22 @@ def finish_step(v: Views, direct: bool) -> int:
 
 
 @kernel
-def run_steps(rig: Held[Assembly], voltages: tuple[float, float], first: int, clear: bool) -> tuple[int, bool]:
+def run_steps(rig: Held[Assembly], voltages: tuple[float, float], first: int, clear: bool) -> tuple[bool, bool]:
     """Advance the tractor by the physics steps of a tick, starting with step `first`.
 
-    If `clear` is true, the loop stops before the first step in which the body could touch the ground. The result is the
-    number of completed steps (`FAILED` after an error of MuJoCo), and whether the body is clear of the ground. Each
-    column of the sample array contains the values after one step.
+    MuJoCo detects contacts unless `clear` is true, and after the first step in which the body could touch the ground.
+    The results are whether MuJoCo has reported no error, and whether the body is clear of the ground. Each column of
+    the sample array contains the values after one step.
     """
-    v, tyred, attached, loads, actuators, samples, clearance, _, _ = fetched(rig)
+    v, tyred, attached, loads, actuators, samples, clearance, _, _, flags = fetched(rig)
     oil, valve, valve_memory, drive, drive_memory, cylinder = actuators
     loaded, alone, direct = loads[PULL] != 0.0 or loads[SIDE] != 0.0, clear and is_alone(v.coupling), False
+    plain, done = flags[0], True
+    if clear:
+        flags[0] = plain | CONTACTLESS
     for i in range(first, samples.shape[1]):
         if clear and not is_clear(clearance, v.qpos):
-            return i, False
+            clear, alone, direct, flags[0] = False, False, False, plain
         flow = loaded_flow(valve, valve_step(valve, valve_memory, voltages[0]), v.torques[STEERING] / oil.displacement)
         v.ctrl[STEERING] = flow / oil.displacement
         v.ctrl[DRIVE] = drive_step(drive, drive_memory, voltages[1]) / oil.drive_radius
@@ -309,7 +256,8 @@ def run_steps(rig: Held[Assembly], voltages: tuple[float, float], first: int, cl
         before, direct = direct, alone and is_within_stops(v.coupling, v.qpos)
         # positions and velocities are known afterwards, forces are not
         if start_step(v, direct, before) != 0:
-            return FAILED, False
+            done = False
+            break
         if loaded:
             apply_loads(v, loads, drive.dt)
         if not tyred.native:
@@ -317,27 +265,26 @@ def run_steps(rig: Held[Assembly], voltages: tuple[float, float], first: int, cl
         if attached.body > 0:
             apply_implement(v, attached, tyred.ground, drive.dt)
         if finish_step(v, direct) != 0:
-            return FAILED, False
+            done = False
+            break
         samples[0, i] = v.qpos[v.steer_q]
         samples[1, i] = drive_memory.pedal[0]
         samples[2, i], samples[3, i] = v.qpos[v.knuckles_q[0]], v.qpos[v.knuckles_q[1]]
+    flags[0] = plain
     # the last step has advanced qpos: update the bodies, so that truth and drawing are simultaneous
-    if kinematics(v.model, v.data) != 0:
-        return FAILED, False
-    if attached.body > 0 and first < samples.shape[1]:
-        if joint_forces(v.model, v.data) != 0:
-            return FAILED, False
+    done = done and kinematics(v.model, v.data) == 0
+    if done and attached.body > 0 and first < samples.shape[1]:
+        done = joint_forces(v.model, v.data) == 0
         for k in range(3):
             attached.pull[k] = v.cfrc_int[attached.body, 3 + k]
-        if motions(v.model, v.data) != 0:
-            return FAILED, False
-    return samples.shape[1], is_clear(clearance, v.qpos)
+        done = done and motions(v.model, v.data) == 0
+    return done, done and is_clear(clearance, v.qpos)
 
 
 @kernel
 def reported(rig: Held[Assembly]) -> Report:
     """Return the current values of the implement's log columns, in the order of `implement.COLUMNS`."""
-    v, _, attached, _, _, _, _, _, _ = fetched(rig)
+    v, _, attached, _, _, _, _, _, _, _ = fetched(rig)
     return implement_report(v, attached)
 
 
@@ -352,7 +299,7 @@ def motion_of(v: Views, omega: Vector, site: Array) -> Motion:
 @kernel
 def observe(rig: Held[Assembly]) -> TractorMotion:
     """Return the motion of the tractor after the last physics step, with the state of actuators and implement."""
-    v, _, attached, _, actuators, _, _, cg_site, antenna_site = fetched(rig)
+    v, _, attached, _, actuators, _, _, cg_site, antenna_site, _ = fetched(rig)
     R, q, w = v.xmat[CHASSIS], v.qpos, v.qvel
     omega = to_world(R, (w[3], w[4], w[5]))
     cg, antenna, yaw = motion_of(v, omega, cg_site), motion_of(v, omega, antenna_site), atan2(R[3], R[0])
@@ -385,9 +332,9 @@ def observe(rig: Held[Assembly]) -> TractorMotion:
 
 
 @jit
-def look(rig: Held[Assembly], samples: Array, t: float, radius: float) -> tuple[Held[Truth], TractorMotion]:
-    """Return the true state at time `t` [s], and the tractor motion; `radius` is the radius of the rear wheels [m]."""
-    m, (v, _, attached, _, _, _, _, _, _) = observe(rig), fetched(rig)
+def look(rig: Held[Assembly], t: float) -> tuple[Held[Truth], TractorMotion]:
+    """Return the true state at time `t` [s], and the tractor motion."""
+    m, (v, _, attached, _, actuators, samples, _, _, _, _) = observe(rig), fetched(rig)
     seen, working = m.antenna, (nan, nan)
     if attached.body > 0:
         place, _ = carry_point(v, attached.body, attached.point)
@@ -399,5 +346,6 @@ def look(rig: Held[Assembly], samples: Array, t: float, radius: float) -> tuple[
     steer, pedal, knuckles = samples[0].copy(), samples[1].copy(), samples[2:].copy()
     return held(Truth(
         t, x, y, z, wrap(yaw), pitch, roll, m.speed, m.lateral_speed, m.yaw_rate, m.steer, m.pedal, rear_x, rear_y,
-        seen.place, seen.velocity, steer, pedal, radius * m.spin, m.body_rates, knuckles, m.rear.velocity, working,
+        seen.place, seen.velocity, steer, pedal, actuators.oil.drive_radius * m.spin, m.body_rates, knuckles,
+        m.rear.velocity, working,
     )), m  # fmt: skip
