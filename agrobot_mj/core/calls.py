@@ -18,7 +18,7 @@ from numba.core.imputils import impl_ret_new_ref
 from numba.extending import intrinsic
 
 from agrobot_mj.core.held import Held, HeldType
-from agrobot_mj.core.kernels import code_of, declared
+from agrobot_mj.core.kernels import code_of, declared, kinds_of
 
 
 class Linked(NamedTuple):
@@ -75,15 +75,12 @@ def address_of(function: Any, form: Any, *arguments: object) -> int:
     Raises TypeError if the argument or result types differ from the annotations of `form`, except in the types of
     states.
     """
-    return _address(code_of(function, *arguments), form) if arguments else _stage_address(function, form)
+    return _address(function, form, kinds_of(arguments))
 
 
 @cache
-def _stage_address(function: Any, form: Any) -> int:
-    return _address(code_of(function), form)
-
-
-def _address(code: Any, form: Any) -> int:
+def _address(function: Any, form: Any, kinds: tuple[types.Type, ...]) -> int:
+    code = code_of(function, kinds)
     hints = [declared(hint) for hint in get_type_hints(form, include_extras=True).values()]
     found = [*code.signature.args, code.signature.return_type]
     for wanted, kind in zip(hints, found, strict=True):

@@ -71,13 +71,14 @@ def bound(function: Any, *arguments: object) -> Callable[..., Any]:
     dispatch."""
     if config.DISABLE_JIT:
         return cast(Callable[..., Any], function)
-    kinds = _kinds_of(arguments)
+    kinds = kinds_of(arguments)
     entry, hints = _entry(function, *kinds), get_type_hints(function.py_func, include_extras=True)
     _check_references(function.__name__, hints["return"], function.overloads[kinds].signature.return_type)
     return entry
 
 
-def _kinds_of(arguments: tuple[object, ...]) -> tuple[types.Type, ...]:
+def kinds_of(arguments: tuple[object, ...]) -> tuple[types.Type, ...]:
+    """Return the numba types of `arguments`."""
     return tuple(HeldType(KINDS[number_of(a)]) if type(a) is Reference else typeof(a) for a in arguments)
 
 
@@ -112,11 +113,11 @@ def stage(function: F) -> F:
     return cast(F, call)
 
 
-def code_of(function: Any, *arguments: object) -> Any:
-    """Return numba's compilation result of a `stage` function, or of a kernel for the types of `arguments`."""
-    if arguments:
-        bound(function, *arguments)
-        return function.overloads[_kinds_of(arguments)]
+def code_of(function: Any, kinds: tuple[types.Type, ...] = ()) -> Any:
+    """Return numba's compilation result of a `stage` function, or of a kernel for arguments of the types `kinds`."""
+    if kinds:
+        _entry(function, *kinds)
+        return function.overloads[kinds]
     _checked_entry(function.compiled)
     return function.compiled.overloads[_arguments_of(function.compiled)]
 

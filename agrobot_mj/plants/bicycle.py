@@ -305,9 +305,10 @@ class BicyclePlant(RunningPlant):
 
     def _apply_conditions(self, conditions: Conditions) -> None:
         """Set the conditions of the next tick. Of the faults, only wear of the steering valve has an effect."""
-        self.conditions = conditions
-        valve = worn_valve(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
-        self.rig = held(self.parts._replace(valve=valve), as_it_is=True)
+        before, self.conditions = self.conditions, conditions
+        wear = conditions.valve_gain, conditions.valve_dead_band
+        if wear != (before.valve_gain, before.valve_dead_band):
+            self.rig = held(self.parts._replace(valve=worn_valve(self.nominal_valve, *wear)), as_it_is=True)
 
     @property
     def _arrays(self) -> tuple[AnyArray, ...]:

@@ -99,7 +99,11 @@ BICYCLE: list[dict[str, Any]] = [
     *({"guidance.kind": kind} for kind, law in KINDS["guidance"].items() if not law.outside),
     *({"controller.kind": kind} for kind in KINDS["controller"]),
     *({"estimator.kind": kind, "guidance.kind": "lqr", "seed": 7} for kind in KINDS["estimator"]),
-    *({"fault": [{"kind": kind, "start_s": 7.0, "end_s": 8.0}], "seed": 3} for kind in KINDS["fault"]),
+    *(
+        {"fault": [{"kind": kind, "start_s": 7.0, "end_s": 8.0}], "seed": 3}
+        for kind, fault in KINDS["fault"].items()
+        if not fault.machine
+    ),
 ]
 
 

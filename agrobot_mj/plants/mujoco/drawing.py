@@ -84,16 +84,16 @@ def show(g: Shown, x: float, y: float, yaw: float, steer: float, travelled: floa
 
 
 @lru_cache(maxsize=8)
-def _compiled(tractor: TractorParameters) -> tuple[mujoco.MjModel, Scene]:
+def _compiled(tractor: TractorParameters) -> tuple[mujoco.MjModel, Scene, Array]:
     model = tractor_spec(Machine(tractor)).compile()
-    return model, scene_of(model)
+    return model, scene_of(model), ackermann_coefficients(tractor)
 
 
 class Ghost:
     """MuJoCo tractor on level ground that shows the planar state of the bicycle plant in images."""
 
     def __init__(self, tractor: TractorParameters) -> None:
-        self.model, self.scene = _compiled(tractor)
+        self.model, self.scene, left = _compiled(tractor)
         self.data = mujoco.MjData(self.model)
         joints = ("steer", "steer_fl", "steer_fr", "spin_fl", "spin_fr", "spin_rl", "spin_rr")
         self.data.qpos[:7] = 0.0
@@ -102,7 +102,7 @@ class Ghost:
             data=self.data._address,
             qpos=self.data.qpos,
             at=np.array([int(self.model.joint(name).qposadr[0]) for name in joints]),
-            left=ackermann_coefficients(tractor),
+            left=left,
             behind=tractor.cg_to_rear_axle,
             radii=(tractor.front_wheel_radius_m, tractor.rear_wheel_radius_m),
         )
