@@ -119,7 +119,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
         self.max_offset_m, self.max_lag_m = max_offset_m, max_lag_m
         self.render_mode, self.image_size = render_mode, image_size
         self._seen = tuple(preview_m), self.scenario.sensors.imu.enabled, privileged
-        self.components = observation.table(*self._seen)
+        self.components, self._preview = observation.table(*self._seen), np.array(preview_m, dtype=float)
         self.highest = observation.bounds(self.components)
         self.observation_space = Box(-self.highest, self.highest, dtype=np.float32)
         self.speed, self.action_space = speed, Box(-1.0, 1.0, (2 if speed else 1,), dtype=np.float32)
@@ -196,22 +196,23 @@ class FollowPath(gymnasium.Env[Any, Any]):
         return reference + min(max(more, -MOST_CATCH_UP_M_S), MOST_CATCH_UP_M_S)
 
     def _look(self, sim: Simulation, steer: float) -> Moment:
-        e, t = sim.estimate, sim.truth
-        beside = sim.path.nearest(e.x, e.y, self._place, t.t)
+        seen, t = sim.situation, sim.truth
+        beside = sim.path.nearest(seen.estimate.x, seen.estimate.y, self._place, t.t)
         self._place = beside.s
-        return Moment(sim, beside, sim.path.nearest(t.x, t.y, beside.s, t.t), steer)
+        curvatures = sim.path.curvatures(beside.s + self._preview)
+        return Moment(seen, t, beside, sim.path.nearest(t.x, t.y, beside.s, t.t), curvatures, steer)
 
     def _observe(self) -> Vector:
         return observation.observation(self.components, self.highest, self._moment)
 
     def _info(self) -> dict[str, Any]:
-        sim, beside = self._running, self._moment.beside_truth
-        lag, outcome = sim.path.passed(sim.truth.t) - beside.s, sim.outcome
+        sim, beside, t = self._running, self._moment.beside_truth, self._moment.truth.t
+        lag, outcome = sim.path.passed(t) - beside.s, sim.outcome
         if not outcome and not abs(beside.offset) <= self.max_offset_m:
             outcome = "off_path"
         elif not outcome and lag > self.max_lag_m:
             outcome = "lagging"
-        return {"t": sim.truth.t, "cross_track": beside.offset, "lag": lag, "outcome": outcome}
+        return {"t": t, "cross_track": beside.offset, "lag": lag, "outcome": outcome}
 
     def render(self) -> Any:
         """Return an image of the tractor on its path, uint8 (height, width, 3). Return None without a render mode."""
