@@ -6,7 +6,7 @@ The steering angle is u = tau_c - tau_n [rad]. The network output tau_n is train
 
 from collections.abc import Sequence
 from math import nan
-from typing import ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple, cast
 
 from agrobot_mj.control.base import YawCommand
 from agrobot_mj.control.pd import Conventional, PdGains, conventional
@@ -80,14 +80,16 @@ class PdNetwork(Conventional):
         self, state: NeuroState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[NeuroState, YawCommand]:
         """Return the new state after training for `dt` [s], and the steering command for a yaw-rate error [rad/s]."""
-        e = yaw_rate_error
-        slope, tau_c = self.conventional(state.slope, e, dt)
-        network = state.network or self.network.start(e, slope.rate)
-        learn = not (self.anti_windup and state.saturated)
-        learnt, tau_n, q, reported = tick(network, e, slope.rate, tau_c, dt, learn)
-        wanted = tau_c - tau_n
-        steer = clip(wanted, -steer_limit, steer_limit)
-        return NeuroState(slope, learnt, reported, steer != wanted), YawCommand(steer, tau_c, tau_n, q)
+        if state.network is None:
+            slope, _ = self.conventional(state.slope, yaw_rate_error, dt)
+            state = state._replace(network=self.network.start(yaw_rate_error, slope.rate))
+        law, now = self._numbers(state)
+        found, command, shown = _tick(law, now, yaw_rate_error, 0.0, nan, dt, steer_limit)
+        return self.resumed(state, found, shown), command
+
+    def _numbers(self, state: NeuroState) -> tuple[Held[NetworkLaw], Held[NetworkNumbers]]:
+        law = NetworkLaw(self.gains, self.anti_windup, address_of(tick, tick))
+        return held(law), held(NetworkNumbers(state.slope, cast(Network, state.network), state.saturated))
 
     @property
     def interpreted(self) -> bool:
@@ -96,10 +98,7 @@ class PdNetwork(Conventional):
 
     def linked(self, state: NeuroState) -> Linked | None:
         """Return the compiled tick function, its parameters and its state, or None before the first tick."""
-        if state.network is None:
-            return None
-        law = NetworkLaw(self.gains, self.anti_windup, address_of(tick, tick))
-        return Linked(_tick, held(law), held(NetworkNumbers(state.slope, state.network, state.saturated)))
+        return Linked(_tick, *self._numbers(state)) if state.network is not None else None
 
     def resumed(self, state: NeuroState, found: Held[NetworkNumbers], shown: Vector) -> NeuroState:
         """Return the state after ticks in compiled code, which ended in the state `found`."""

@@ -18,7 +18,7 @@ from numba.core.imputils import impl_ret_new_ref
 from numba.extending import intrinsic
 
 from agrobot_mj.core.held import Held, HeldType
-from agrobot_mj.core.kernels import code_of, declared, kinds_of
+from agrobot_mj.core.kernels import COMPILES, code_of, declared, kinds_of
 
 
 class Linked(NamedTuple):
@@ -36,8 +36,10 @@ def called(form: Any) -> Callable[..., Any]:
 
     The called function must have the annotations of the function `form`, and the arguments are a tuple of the annotated
     types. A reference to any state matches `Held[Any]`. The call returns whether the function succeeded, and the result
-    of the function, which is zero after an error.
+    of the function, which is zero after an error. Without compilation, the address is the function itself.
     """
+    if not COMPILES:
+        return lambda function, arguments: (True, function(*arguments))
     hints = {name: declared(hint) for name, hint in get_type_hints(form, include_extras=True).items()}
     result, kinds = hints.pop("return"), tuple(hints.values())
 
@@ -69,13 +71,14 @@ def call_back(_: Any, address: Any) -> Any:
     return types.void(address), generate
 
 
-def address_of(function: Any, form: Any, *arguments: object) -> int:
+def address_of(function: Any, form: Any, *arguments: object) -> Any:
     """Return the machine-code address of a `stage` function or, with `arguments`, of a kernel compiled for their types.
 
+    Without compilation, return the function.
     Raises TypeError if the argument or result types differ from the annotations of `form`, except in the types of
     states.
     """
-    return _address(function, form, kinds_of(arguments))
+    return _address(function, form, kinds_of(arguments)) if COMPILES else function
 
 
 @cache
