@@ -1,7 +1,7 @@
 """Interface of a plant (simulated tractor) in a run, and division of a tick into physics steps."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import cos, radians
 from types import GenericAlias
 from typing import Any, NamedTuple
@@ -10,19 +10,8 @@ import numpy as np
 
 from agrobot_mj.core.calls import address_of
 from agrobot_mj.core.held import Held
-from agrobot_mj.core.kernels import bound, fetched
-from agrobot_mj.core.signals import (
-    NEUTRAL_V,
-    NOMINAL,
-    TICK_S,
-    Array,
-    Column,
-    Conditions,
-    Drive,
-    Matrix,
-    Reference,
-    Truth,
-)
+from agrobot_mj.core.kernels import bound, fetched, shared
+from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, TICK_S, Column, Conditions, Drive, Matrix, Reference, Truth
 from agrobot_mj.core.vectors import Vector
 from agrobot_mj.plants.mujoco.c_api import fail
 from agrobot_mj.plants.mujoco.implement import COLUMNS
@@ -121,6 +110,20 @@ def report_form(rig: Held[Any]) -> Report:
     raise NotImplementedError
 
 
+TROUBLES = None, "diverged", "rolled_over", "jackknifed", "left_terrain"  # Outcomes that end a run
+
+
+@shared
+def trouble_of(m: TractorMotion, extent: tuple[float, float, float, float]) -> int:
+    """Return the index in `TROUBLES` for a motion of the tractor on a ground with the range `extent` of x and y [m]."""
+    if m.fastest > DIVERGED_SPEED:
+        return 1
+    if m.lean_cosine < ROLLOVER_COSINE:
+        return 2
+    x, y, (x_min, x_max, y_min, y_max) = m.cg.place[0], m.cg.place[1], extent
+    return 3 if m.folded else 0 if x_min <= x <= x_max and y_min <= y <= y_max else 4
+
+
 REST = NEUTRAL_V, NEUTRAL_V  # Voltages of both valves in neutral [V]
 
 
@@ -143,13 +146,11 @@ class RunningPlant(ABC):
     conditions: Conditions  # Conditions of the last tick
     braking: float  # Applied fraction of the brake torque [-]
 
-    def _compile(self, shown: tuple[Any, Any, Any], *functions: Any) -> None:
+    def _compile(self, shown: tuple[AnyArray, Any, Any], *functions: Any) -> None:
         """Compile `steps`, `look` and, for an implement, `reported`. `shown` contains the arrays in `PlantCode`."""
         self._shown, self._functions, self._places = shown, functions, list[int]()
         self._run, self._observe = bound(functions[0], self.rig, REST, 0, False), bound(functions[1], self.rig, 0.0)
-        self._reported: Callable[..., Sequence[float]] | None = None
-        if functions[2:]:
-            self._reported = bound(functions[2], self.rig)
+        self._reported = bound(functions[2], self.rig) if functions[2:] else None
 
     @abstractmethod
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
@@ -214,19 +215,18 @@ class RunningPlant(ABC):
         self._look()
         return fetched(self.seen)
 
-    def poses(self) -> Array:
+    def poses(self) -> AnyArray:
         """Return the ENU position x y z [m] and quaternion w x y z of every body, shape (bodies, 7)."""
         return np.concatenate(self._shown[1:], axis=1)
 
     @abstractmethod
-    def configuration(self) -> Array:
+    def configuration(self) -> AnyArray:
         """Return MuJoCo's generalised positions (`qpos`) of the tractor, shape (nq,)."""
 
-    def wheels(self) -> Array:
+    def wheels(self) -> AnyArray:
         """Return the six tyre quantities (see `tyres.patch`) of four wheels, shape (24,), or an empty array without
         tyres."""
-        wheels: Array = self._shown[0].T.ravel()
-        return wheels
+        return self._shown[0].T.ravel()
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -252,17 +252,6 @@ class RunningPlant(ABC):
         """Return the number of warnings of the physics engine since the reset."""
         return 0
 
-    @property
-    def _fallen(self) -> bool:
-        return self.motion.lean_cosine < ROLLOVER_COSINE
-
     def trouble(self) -> str | None:
         """Return the outcome that ends the run (rolled_over, jackknifed, left_terrain or diverged), or None."""
-        if self.motion.fastest > DIVERGED_SPEED:
-            return "diverged"
-        if self._fallen:
-            return "rolled_over"
-        if self.motion.folded:
-            return "jackknifed"
-        x, y, _ = self.motion.cg.place
-        return None if self.ground.covers(x, y) else "left_terrain"
+        return TROUBLES[trouble_of(self.motion, self.ground.extent)]

@@ -39,15 +39,7 @@ from agrobot_mj.core.signals import (
 )
 from agrobot_mj.estimation.base import CompiledEstimator, Readings, estimator_form
 from agrobot_mj.paths.route import references_at
-from agrobot_mj.plants.base import (
-    DIVERGED_SPEED,
-    ROLLOVER_COSINE,
-    PlantCode,
-    TractorMotion,
-    look_form,
-    report_form,
-    steps_form,
-)
+from agrobot_mj.plants.base import PlantCode, TractorMotion, look_form, report_form, steps_form, trouble_of
 from agrobot_mj.plants.mujoco.c_api import fail
 from agrobot_mj.sensors.gnss import CLEAR
 from agrobot_mj.sensors.sensing import Addresses, Laws, SensorReadings, Values, sense
@@ -371,10 +363,7 @@ def advance(
             now.estimate, now.estimated, planned.guidance, planned.followed, planned.guided, planned.supervision,
             planned.loops, planned.drive, now.readings.pedal_pot, standstill,
         )  # fmt: skip
-        x, y, (x_min, x_max, y_min, y_max) = motion.cg.place[0], motion.cg.place[1], plant.extent
-        inside = x_min <= x <= x_max and y_min <= y <= y_max
-        fallen = motion.lean_cosine < ROLLOVER_COSINE or motion.folded
-        if motion.fastest > DIVERGED_SPEED or fallen or not inside:
+        if trouble_of(motion, plant.extent) != 0:
             return now, k + 1, TROUBLE, last
         done, (sensors, m, sound) = _sense(code.sense, (links.sensors, now.values, links.streams, truth, CLEAR, steer))
         if not done:
@@ -434,18 +423,12 @@ class Episodes:
         loop, state = self.loop, self.loop.stages
         sensors = state.sensors.sensors
         s, regular = loop.scenario, self.possible and loop.has_sensed and state.conditions is NOMINAL
+        regular = regular and loop.plant.conditions == NOMINAL  # not the last tick of a fault
         if not regular or sensors.delivery.pending or loop.plant.trouble() is not None:
             return None
-        if loop.plant.conditions != NOMINAL:  # of the last tick of a fault
-            return None
-        if self.filter:
-            estimator: Linked | None = self.filter.linked(state.estimator)
-        else:
-            estimator = cast(CompiledEstimator, s.estimator).linked(state.estimator)
-        if self.law:
-            guidance: Linked | None = self.law.linked(state.guidance)
-        else:
-            guidance = loop.guidance.linked(state.guidance, s.tractor)
+        filters, law = self.filter or cast(CompiledEstimator, s.estimator), self.law
+        estimator = filters.linked(state.estimator)
+        guidance = law.linked(state.guidance) if law else loop.guidance.linked(state.guidance, s.tractor)
         if estimator is None or guidance is None:
             return None
         if not loop.supervisor.enabled:
@@ -473,8 +456,7 @@ class Episodes:
 
     def _perform(self, stages: LinkedStages, standstill: Standstill, most: int) -> tuple[int, Standstill]:
         loop, rows, (measured, situation) = self.loop, self.rows, self.loop.now()
-        plant = loop.plant
-        if (parts := plant.code()) is None or measured.fix is None:
+        if (parts := loop.plant.code()) is None or measured.fix is None:
             return 0, standstill
         try:
             code = _code(stages)
@@ -547,7 +529,7 @@ class Episodes:
 
     def _setting(self, stages: LinkedStages) -> RunNumbers:
         loop, s = self.loop, self.loop.scenario
-        limit, plant = s.tractor.steer_limit, loop.plant
+        limit = s.tractor.steer_limit
         return RunNumbers(
             dual=s.sensors.gnss.dual_antenna.enabled,
             supervises=stages[2] is not None,
@@ -556,21 +538,16 @@ class Episodes:
             swings=loop.towed.antenna != 0.0,
             steer_limit=limit,
             saturation=limit - SATURATION_MARGIN,
-            braking=plant.braking,
+            braking=loop.plant.braking,
             measured=self.filter.measured if self.filter else NO_SAMPLES,
             columns=self.columns,
         )
 
     def _present(
-        self,
-        stages: LinkedStages,
-        measured: Measurement,
-        situation: Situation,
-        standstill: Standstill,
+        self, stages: LinkedStages, measured: Measurement, situation: Situation, standstill: Standstill
     ) -> Current:
         estimator, guidance, supervision = stages
         loop, state, plant = self.loop, self.loop.stages, self.loop.plant
-        filters = loop.scenario.estimator
         return Current(
             truth=loop.seen,
             motion=plant.motion,
@@ -581,7 +558,7 @@ class Episodes:
             receiver=state.receiver,
             estimator=estimator.state,
             estimate=held(situation.estimate),
-            estimated=np.array(filters.report(state.estimator), dtype=float),
+            estimated=np.array(loop.scenario.estimator.report(state.estimator), dtype=float),
             guidance=guidance.state,
             followed=guidance.inputs,
             guided=NO_SAMPLES,
