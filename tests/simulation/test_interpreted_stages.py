@@ -155,7 +155,7 @@ def test_error_of_an_interpreted_stage_is_raised_at_the_same_tick(part, name, er
         ({"guidance.kind": "pure_pursuit"}, "guidance"),
         ({"guidance.kind": "pure_pursuit", "estimator.kind": "ukf"}, "estimator, guidance"),
         ({"sensors.gnss.latency_s": 0.1}, "sensors"),
-        ({"plant.kind": "bicycle"}, "plant"),
+        ({"plant.kind": "bicycle"}, None),
     ],
 )
 def test_metrics_name_the_interpreted_stages(overrides, stages):

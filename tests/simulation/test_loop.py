@@ -156,6 +156,7 @@ def test_impossible_tractor_is_rejected_as_invalid_input():
 # --- watchers -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("single_ticks")
 def test_observers_receive_every_log_row_once_in_groups_of_rows(monkeypatch):
     monkeypatch.setattr(import_module("agrobot_mj.simulation.run"), "REPORT_S", 1e9)  # none earlier on a busy machine
     monkeypatch.setattr(import_module("agrobot_mj.simulation.run"), "CHUNK_TICKS", 100)

@@ -156,6 +156,7 @@ def test_run_of_a_stationary_tractor_is_stuck_or_unfinished(monkeypatch, source,
     assert not log.as_expected
 
 
+@pytest.mark.usefixtures("single_ticks")
 @pytest.mark.parametrize(("factor", "outcome"), [(0.5, "unfinished"), (0.85, "unfinished"), (1.0, "completed")])
 def test_run_of_a_tractor_that_is_too_slow_is_unfinished(monkeypatch, factor, outcome):
     slowed(monkeypatch, factor)
