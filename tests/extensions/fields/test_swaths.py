@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import shapely
 from field_shapes import FIELDS, HOLE, L_SHAPE, RECTANGLE, SLANTED, machine
+from shapely import Polygon
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.extensions.fields.planner.contours import contour_frame
-from agrobot_mj.extensions.fields.planner.laps import lap, offset, rings, smoothed
+from agrobot_mj.extensions.fields.planner.laps import CORNER_M, DEVIATION, begun, lap, offset, rings, smoothed
 from agrobot_mj.extensions.fields.planner.swaths import SwathFrame, best_pattern, ordered, pattern
 from agrobot_mj.terrain import Slope
 
@@ -74,7 +75,7 @@ def test_headland_laps_follow_the_boundary_and_surround_holes():
 def test_headland_lap_stays_within_the_maximum_machine_curvature(field):
     rig = machine()
     for ring in rings(field.boundary, 2, rig.width):
-        course = lap(smoothed(ring, rig), 10.0, rig)
+        course = begun(lap(smoothed(ring, rig), rig), 10.0)
         assert course.peaks.max() <= rig.max_curvature
         x, y, _ = course.joints()
         assert np.hypot(x[-1] - x[0], y[-1] - y[0]) < 1e-6
@@ -84,9 +85,60 @@ def test_headland_laps_of_a_round_field_are_drivable():
     rig = machine()
     circle = shapely.Point(0, 0).buffer(30.0, quad_segs=40)
     ring = rings(circle, 1, 3.0)[0]
-    course = lap(smoothed(ring, rig), 5.0, rig)
+    course = lap(smoothed(ring, rig), rig)
     assert course.lengths.sum() == pytest.approx(2 * pi * 28.5, rel=0.01)
     assert offset(circle, 3.0).area == pytest.approx(pi * 27**2, rel=0.01)
+
+
+def recorded(line, rng, noise):
+    """Return a line as recorded by a receiver, with a point each 0.2 m to 2 m and a `noise` per coordinate [m]."""
+    distances = np.cumsum(rng.uniform(0.2, 2.0, int(line.length)))
+    points = shapely.get_coordinates(line.interpolate(distances[distances < line.length - 0.2]))
+    return points + rng.normal(0.0, noise, points.shape)
+
+
+BOX = shapely.box(0, 0, 120, 80)
+CORNERED = Polygon([(0, 0), (130, 0), (130, 60), (70, 60), (70, 110), (0, 110)])
+RECORDED = {
+    "circle": shapely.Point(0, 0).buffer(40.0, quad_segs=64),
+    "small radius": BOX.buffer(-8).buffer(8),
+    "large radius": BOX.buffer(-15).buffer(15),
+    "corners": BOX,
+    "reflex corner": CORNERED.buffer(-6).buffer(12).buffer(-6),
+}
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.03])
+@pytest.mark.parametrize("shape", RECORDED)
+def test_headland_laps_with_many_short_sides_are_driven_without_crawling(shape, noise):
+    rig, outer = machine(), Polygon(recorded(RECORDED[shape].exterior, np.random.default_rng(3), noise))
+    for ring in rings(outer, 3, rig.spacing):
+        course = lap(smoothed(ring, rig), rig)
+        times = course.lengths / np.minimum(course.speeds, rig.path.speed_m_s)
+        assert times[course.speeds < rig.path.speed_m_s / 2].sum() < 0.02 * times.sum()
+        assert course.peaks.max() <= rig.max_curvature
+
+
+@pytest.mark.parametrize("shape", RECORDED)
+def test_rounded_lap_deviates_little_from_the_offset_line(shape):
+    rig, outer = machine(), Polygon(recorded(RECORDED[shape].exterior, np.random.default_rng(4), 0.03))
+    ring, reach = rings(outer, 1, rig.spacing)[0], rig.path.turn_radius_m
+    x, y, _ = lap(smoothed(ring, rig), rig).divided().joints()
+    points, turned = shapely.points(x, y), Polygon(ring.points).buffer(-reach).buffer(reach)
+    away = shapely.distance(points, turned.exterior) * shapely.contains(turned, points)
+    assert away.max() < DEVIATION * rig.width + CORNER_M
+    assert shapely.distance(points, outer.exterior).min() > rig.width / 2 - CORNER_M
+
+
+def test_lap_around_a_recorded_obstacle_keeps_its_clearance_without_crawling():
+    rig, rng = machine(), np.random.default_rng(5)
+    hole = recorded(shapely.Point(60, 40).buffer(7.0, quad_segs=32).exterior, rng, 0.03)
+    ring = rings(Polygon(BOX.exterior.coords, [hole]), 1, rig.spacing)[1]
+    course = lap(smoothed(ring, rig), rig)
+    x, y, _ = course.divided().joints()
+    assert ring.hole == 0
+    assert course.speeds.min() > rig.path.speed_m_s / 2
+    assert shapely.distance(shapely.points(x, y), Polygon(hole)).min() > rig.width / 2 - CORNER_M
 
 
 @pytest.mark.parametrize("uphill", [0.0, 30.0, 90.0, 200.0])

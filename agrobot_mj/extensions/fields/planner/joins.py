@@ -155,7 +155,7 @@ def _routes(area: Area, start: Pose, goal: Pose) -> Iterator[Pieces]:
     """Yield connections along headland laps in both directions, in order of increasing estimated length."""
     radius, ranked = area.rig.bends.reach, []
     for ring in area.laps:
-        for way in (ring, ring._replace(points=ring.points[::-1])):
+        for way in (ring, ring.reversed):
             places = [_places(way, pose, sign * STEP * radius) for pose, sign in ((start, 1), (goal, -1))]
             first = min(places[0], key=lambda place: shortest_arcs(start, place[1], radius) - place[2])
             last = min(places[1], key=lambda place: shortest_arcs(place[1], goal, radius) - place[2])
@@ -195,8 +195,9 @@ def _route(
     there, back = connections(start, first[1], bends), connections(last[1], goal, bends)
     if not there or not back or along < 0.1:
         return
-    points = from_point(ring, first[0])
+    points, cuts = from_point(ring, first[0])
     steps = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
-    part = np.vstack([points[steps < along - 1e-3], [[last[1].x, last[1].y]]])
-    if (course := drivable(part, False, area.rig)) is not None:
+    kept = steps < along - 1e-3
+    part = np.vstack([points[kept], [[last[1].x, last[1].y]]])
+    if (course := drivable(part, False, area.rig, cuts[kept])) is not None:
         yield (*there[0], *pieces_of(course), *back[0])

@@ -1,5 +1,6 @@
 """Headland laps: closed courses along the boundary and around obstacles, with corners that the machine can follow."""
 
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -8,13 +9,15 @@ from shapely import LinearRing, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.fields.planner.merging import MITRE, merged
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine
+from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.fillet import Rounding, rounded
 from agrobot_mj.paths.track import Course, Piece
 
-MITRE = 5.0  # Maximum length of a mitred corner divided by the offset of the boundary [-]
 SIMPLE_M = 0.05  # Tolerance of the simplification of rings [m]
 CORNER_M = 0.1  # Maximum distance of a rounded corner from the original corner, for a small change of direction [m]
+DEVIATION = 0.1  # Maximum deviation of a rounded run of sides from the lap, divided by the working width [-]
 SMOOTHER = (0.0, 1.0, 1.5, 2.5)
 """Smoothing radii of the line of a headland lap, divided by the turn radius [-]. The radii are tried in this order
 until the machine can follow the line."""
@@ -26,6 +29,12 @@ class Ring(NamedTuple):
     points: Array  # Corners in the order of driving [m], shape (n, 2). The first corner is not repeated.
     number: int  # Index of the lap, counted from 0 for the lap nearest to the boundary or obstacle
     hole: int = -1  # Index of the obstacle that the lap surrounds, or -1 for a lap along the boundary
+    cuts: Array | None = None  # Distances added to the tolerance of each corner, shape (n,) [m]
+
+    @property
+    def reversed(self) -> "Ring":
+        """Same lap in the opposite direction."""
+        return self._replace(points=self.points[::-1], cuts=None if self.cuts is None else self.cuts[::-1])
 
     @property
     def line(self) -> LinearRing:
@@ -65,40 +74,65 @@ def _corners(ring: LinearRing, left: bool) -> Array:
     return np.roll(points, -longest, axis=0)
 
 
-def from_point(ring: Ring, distance: float) -> Array:
-    """Return the closed polyline of a headland lap, shape (n, 2) [m], starting at the arc length `distance` [m]."""
-    closed = np.vstack([ring.points, ring.points[:1]])
-    along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))))
+def from_point(ring: Ring, distance: float) -> tuple[Array, Array]:
+    """Return the closed polyline of a headland lap, shape (n, 2) [m], starting at `distance` [m], and its cuts,
+    shape (n,) [m]."""
+    cuts = np.zeros(len(ring.points)) if ring.cuts is None else ring.cuts
+    rows = np.column_stack([ring.points, cuts])
+    closed = np.vstack([rows, rows[:1]])
+    along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(closed[:, :2], axis=0).T))))
     distance %= along[-1]
-    start = np.array([np.interp(distance, along, closed[:, k]) for k in range(2)])
+    start = np.array([*(np.interp(distance, along, closed[:, k]) for k in range(2)), 0.0])
     after = along[:-1] > distance + 1e-3
     before = along[:-1] < distance - 1e-3
-    return np.vstack([start, ring.points[after], ring.points[before], start])
+    found = np.vstack([start, rows[after], rows[before], start])
+    return found[:, :2], found[:, 2]
 
 
 def rounding(rig: FieldMachine) -> Rounding:
     """Return the parameters for rounding polyline corners within the turn limits of a machine."""
     path = rig.path
-    return Rounding(path.turn_radius_m, CORNER_M, path.speed_m_s, path.lateral_acceleration_m_s2, path)
+    return Rounding(path.turn_radius_m, CORNER_M, path.speed_m_s, path.lateral_acceleration_m_s2, path, shared=True)
 
 
-def lap(ring: Ring, distance: float, rig: FieldMachine) -> Course | None:
-    """Return the geometry of a headland lap that starts at the arc length `distance` [m], or None if the machine cannot
-    follow the lap."""
-    return drivable(from_point(ring, distance), True, rig)
+def lap(ring: Ring, rig: FieldMachine) -> Course | None:
+    """Return the geometry of a lap from the first corner, or None if the machine cannot follow the lap."""
+    cuts = None if ring.cuts is None else np.append(ring.cuts, ring.cuts[0])
+    return drivable(np.vstack([ring.points, ring.points[:1]]), True, rig, cuts)
 
 
-def drivable(points: Array, closed: bool, rig: FieldMachine) -> Course | None:
-    """Return the geometry of a path along a polyline with rounded corners, or None if the machine cannot follow the
-    polyline.
+def drivable(points: Array, closed: bool, rig: FieldMachine, cuts: Array | None = None) -> Course | None:
+    """Return the geometry of a path along a polyline with rounded corners, or None if the machine cannot follow it.
 
     The machine cannot follow a reversal of the line or a bend below its turn radius.
     """
     try:
-        course = rounded(points, closed, rounding(rig))
+        course = rounded(points, closed, rounding(rig), cuts)
     except ValueError:
         return None
     return course if course.peaks.max() <= rig.max_curvature else None
+
+
+def begun(course: Course, distance: float) -> Course:
+    """Return the closed course from another start: the arc length `distance` [m] on a straight segment, or otherwise
+    the nearest joint of two bends or middle of a straight segment."""
+    ends = course.distances()
+    straight = (course.curvatures == 0) & (course.sharpnesses == 0)
+    k = int(np.clip(np.searchsorted(ends, distance, "right") - 1, 0, len(straight) - 1))
+    if not straight[k]:
+        starts = ends[:-1] + np.where(straight, course.lengths / 2, 0.0)
+        away = np.abs(starts - distance)
+        k = int(np.argmin(np.where(course.curvatures == 0, np.minimum(away, ends[-1] - away), inf)))
+        distance = float(starts[k])
+    x, y, yaw = (values[k] for values in course.joints())
+    gone = distance - float(ends[k])
+    start = Pose(float(x + gone * np.cos(yaw)), float(y + gone * np.sin(yaw)), float(yaw))
+    order = (np.arange(len(straight) + 1) + k) % len(straight)
+    lengths = course.lengths[order]
+    lengths[0] -= gone
+    lengths[-1] = gone
+    others = (values[order] for values in course[2:])
+    return Course(start, lengths, *others)
 
 
 def smoothed(ring: Ring, rig: FieldMachine) -> Ring:
@@ -111,7 +145,9 @@ def smoothed(ring: Ring, rig: FieldMachine) -> Ring:
             if area.geom_type != "Polygon" or area.is_empty:
                 continue
             found = ring._replace(points=_corners(area.simplify(CORNER_M).exterior, LinearRing(ring.points).is_ccw))
-        if lap(found, 0.0, rig) is not None:
+        points, cuts = merged(found.points, rounding(rig), rig.width / 2, DEVIATION * rig.width)
+        found = found._replace(points=points, cuts=cuts)
+        if lap(found, rig) is not None:
             return found
     return ring
 

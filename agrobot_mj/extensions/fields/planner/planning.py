@@ -17,14 +17,14 @@ from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.extensions.fields.plan import Plan, PlannedPass
 from agrobot_mj.extensions.fields.planner.area import TOLERANCE_M, Area, area_of
 from agrobot_mj.extensions.fields.planner.joins import Shape, join
-from agrobot_mj.extensions.fields.planner.laps import Ring, lap, pieces_of
+from agrobot_mj.extensions.fields.planner.laps import Ring, begun, lap, pieces_of
 from agrobot_mj.extensions.fields.planner.leaving import Leaving, leaving
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine
 from agrobot_mj.extensions.fields.planner.swaths import Pattern, Swath, SwathFrame, best_pattern, ordered, pattern
 from agrobot_mj.extensions.fields.planner.words import end_of, length_of, shortest_arcs, straight
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.headland import half_turn_width
-from agrobot_mj.paths.track import Piece
+from agrobot_mj.paths.track import Course, Piece
 
 LAP_STARTS = 24  # Number of evaluated points of a ring at which a lap may start
 DEFAULT_HEADLANDS = 2  # Default number of headland laps, which is increased if the turns need more space
@@ -85,26 +85,27 @@ class _Work:
 
     def lap(self, ring: Ring) -> None:
         """Append a headland lap. Raise `ScenarioError` if the machine cannot follow the lap."""
-        courses = [course for distance in self._starts(ring) if (course := lap(ring, distance, self.rig)) is not None]
-        if not courses:
+        if (course := lap(ring, self.rig)) is None:
             x, y = ring.points[0]
             raise ScenarioError(
                 f"--headlands {self.options.headlands}: lap {ring.number + 1} near ({x:.0f}, {y:.0f}) m is too narrow "
                 f"for a turn radius of {self.rig.path.turn_radius_m:g} m; use fewer laps or a smaller --radius"
             )
+        courses = [begun(course, distance) for distance in self._starts(course)]
         chosen = self.to([course.start for course in courses])
         behind, first = self.rig.behind, self.distance
         self.go((*pieces_of(courses[chosen]), *straight(behind)))
         span = first + behind, self.distance
         self.passes.append(PlannedPass("headland", *span, (span,) * self.options.sections))
 
-    def _starts(self, ring: Ring) -> list[float]:
-        """Return the arc lengths of a headland lap at which the machine may start the lap [m]."""
-        length, reach = ring.line.length, self.rig.bends.reach
+    def _starts(self, course: Course) -> list[float]:
+        """Return the arc lengths of a closed course at which a lap may start [m]."""
+        parts, length, reach = course.divided(), float(course.lengths.sum()), self.rig.bends.reach
         if self.start is None:
             return [k * length / LAP_STARTS for k in range(1, LAP_STARTS)]
-        nearest = float(ring.line.project(shapely.Point(self.pose.x, self.pose.y)))
-        near = [nearest + 0.5 * k * reach for k in range(LAP_STARTS)]
+        x, y, _ = parts.joints()
+        nearest = float(parts.distances()[np.argmin(np.hypot(x - self.pose.x, y - self.pose.y))])
+        near = [(nearest + 0.5 * k * reach) % length for k in range(LAP_STARTS)]
         return [*near, *(k * length / LAP_STARTS for k in range(LAP_STARTS))]
 
     def swath(self, swath: Swath, layout: Pattern, forth: bool) -> None:
