@@ -82,7 +82,7 @@ def test_field_command_writes_coverage_and_a_report(walk):
     folder, said = walk
     found = json.loads((folder / "runs" / "work" / "coverage.json").read_text(encoding="utf-8"))
     assert found["areas"]["field"]["area_m2"] == pytest.approx(4700, rel=0.02)
-    assert "ha covered" in said["field"]
+    assert "ha worked at least once" in said["field"]
     assert (folder / "runs" / "work" / "report.html").is_file()
 
 

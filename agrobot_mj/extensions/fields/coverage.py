@@ -1,7 +1,8 @@
 """Coverage of a field, computed with polygons: worked, overlapped and missed areas.
 
-All areas are inside the field. An area that is worked twice counts twice in `covered_m2` and once in `overlapped_m2`,
-so that the field area equals covered - overlapped + missed area. `reached_m2` is the area worked at least once.
+All areas are inside the field. `worked_m2` is the area worked at least once. An area that is worked twice counts once in
+`worked_m2`, twice in `covered_m2` and once in `overlapped_m2`, so that the field area equals worked + missed area and
+covered - overlapped + missed area.
 """
 
 from collections.abc import Mapping, Sequence
@@ -48,7 +49,7 @@ def coverage(field: BaseGeometry, body: BaseGeometry, passes: Sequence[BaseGeome
 
 
 def areas(found: FieldCoverage) -> dict[str, dict[str, float]]:
-    """Return the covered, overlapped, missed and reached areas of the field, its headland and its body, in m2 and as
+    """Return the worked, covered, overlapped and missed areas of the field, its headland and its body, in m2 and as
     percentages of each region."""
     return {name: _areas(found, region) for name, region in found.regions.items()}
 
@@ -56,9 +57,9 @@ def areas(found: FieldCoverage) -> dict[str, dict[str, float]]:
 def _areas(found: FieldCoverage, region: BaseGeometry) -> dict[str, float]:
     whole = region.area
     covered = float(shapely.area(shapely.intersection(np.array(list(found.passes), dtype=object), region)).sum())
-    reached = found.union.intersection(region).area
+    worked = found.union.intersection(region).area
     missed = found.missed.intersection(region).area
-    numbers = {"covered": covered, "overlapped": covered - reached, "missed": missed, "reached": reached}
+    numbers = {"worked": worked, "covered": covered, "overlapped": covered - worked, "missed": missed}
     shares = {f"{name}_percent": 100 * value / whole if whole else 0.0 for name, value in numbers.items()}
     return {"area_m2": whole, **{f"{name}_m2": value for name, value in numbers.items()}, **shares}
 

@@ -168,7 +168,7 @@ def report(drive: FieldDrive) -> dict[str, Any]:
         "distance_m": float(np.nansum(np.hypot(np.diff(x), np.diff(y)))),
         "working_distance_m": float(sum(_length(drive.motion, span) for span in drive.spans() if span)),
         "time_s": span,
-        "capacity": capacity(by_part["field"]["reached_m2"], span, drive.plan.width, drive.rig.path.speed_m_s),
+        "capacity": capacity(by_part["field"]["worked_m2"], span, drive.plan.width, drive.rig.path.speed_m_s),
         "accuracy": pass_to_pass(drive.swaths(), drive.plan.width - drive.plan.overlap),
         "effort": effort(log),
         "planned": areas(planned_coverage(drive.plan, drive.field, drive.body, drive.boom.sections)),
@@ -189,7 +189,7 @@ def _length(motion: ImplementMotion, span: Times) -> float:
 def sentence(content: dict[str, Any]) -> str:
     """Return a summary of the results in one sentence: coverage, gaps, excursions and crop rows."""
     whole = content["areas"]["field"]
-    hectares = f"{whole['reached_m2'] / 1e4:.3g} of {whole['area_m2'] / 1e4:.3g} ha covered"
+    hectares = f"{whole['worked_m2'] / 1e4:.3g} of {whole['area_m2'] / 1e4:.3g} ha worked at least once"
     text = f"{hectares}, {whole['overlapped_percent']:.1f} % overlapped, {whole['missed_percent']:.1f} % missed"
     found = content["gaps"]
     out = {name: each for name, each in content["excursions"].items() if each["largest_m"] > 0.05}

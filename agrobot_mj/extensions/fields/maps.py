@@ -19,7 +19,7 @@ from agrobot_mj.extensions.fields.coverage import SLIVER_M2, FieldCoverage
 from agrobot_mj.extensions.fields.plan import Plan
 from agrobot_mj.paths.imports.geojson import LOCAL
 
-OUTLINE_M = 0.01  # Tolerance for simplifying the outline of covered ground in files [m]
+OUTLINE_M = 0.01  # Tolerance for simplifying the outline of worked ground in files [m]
 WIDTH_IN, TALLEST_IN = 7.0, 8.0  # Width and maximum height of a map [in]
 
 
@@ -52,8 +52,8 @@ def map_of(field: BaseGeometry, plan: Plan, found: FieldCoverage | None = None, 
 
 
 def _layers(found: FieldCoverage) -> Iterator[tuple[BaseGeometry, str, str]]:
-    """Yield polygon, colour and name of the covered, overlapped and missed areas."""
-    yield found.union, LIGHT_GREY, "covered"
+    """Yield polygon, colour and name of the worked, overlapped and missed areas."""
+    yield found.union, LIGHT_GREY, "worked"
     yield found.overlapped, ORANGE, "overlapped"
     yield found.missed, VERMILION, "missed"
 
@@ -96,10 +96,10 @@ def geojson(
     if found is not None:
         features.append(_feature(found.body, {"kind": "body", "area_m2": found.body.area}, plane))
         for number, ground in enumerate(found.passes):
-            features.append(_feature(ground, {"kind": "worked", "number": number, "area_m2": ground.area}, plane))
-        covered = found.union.intersection(field)
-        for kind, area in (("covered", covered), ("overlapped", found.overlapped), ("missed", found.missed)):
-            shape = area.simplify(OUTLINE_M) if kind == "covered" else area
+            features.append(_feature(ground, {"kind": "pass_area", "number": number, "area_m2": ground.area}, plane))
+        worked = found.union.intersection(field)
+        for kind, area in (("worked", worked), ("overlapped", found.overlapped), ("missed", found.missed)):
+            shape = area.simplify(OUTLINE_M) if kind == "worked" else area
             features.append(_feature(shape, {"kind": kind, "area_m2": area.area}, plane))
     content: dict[str, Any] = {"type": "FeatureCollection", "name": plan.name, "features": features}
     if plane is None:

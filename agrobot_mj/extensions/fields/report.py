@@ -14,7 +14,8 @@ from agrobot_mj.studies.pages.drive import line, read_signals, run_page
 from agrobot_mj.studies.pages.report import Reports
 
 SMALLEST_M2 = 0.01  # Area below which a gap or an overlap is not drawn in the report [m2]
-COLOURS = {"covered": SHADE, "overlapped": ORANGE, "missed": VERMILION}
+COLOURS = {"worked": SHADE, "overlapped": ORANGE, "missed": VERMILION}
+SHARES = ("worked at least once", "missed", "overlapped", "covered, with overlaps")
 EFFORT = (
     ("energy_wheels_mj", "energy at the driven wheels", "MJ"),
     ("energy_ground_mj", "energy of the wheel forces on the ground", "MJ"),
@@ -34,7 +35,7 @@ def field_page(folder: Path) -> Document:
     page.section("Coverage", f"{found['summary']}.")
     page.remarks(found["plan_warnings"])
     page.grid([("Map", _map(folder, found))])
-    page.table(("part", "area [m2]", "covered at least once [%]", "overlapped [%]", "missed [%]"), _areas(found))
+    page.table(("part", "area [m2]", *(f"{name} [%]" for name in SHARES)), _areas(found))
     page.table(("quantity", "value", "unit"), _numbers(found))
     page.parts += run
     return page
@@ -42,8 +43,9 @@ def field_page(folder: Path) -> Document:
 
 def _areas(found: Mapping[str, Any]) -> Iterator[tuple[object, ...]]:
     for name, part in found["areas"].items():
-        shares = (round(part[f"{key}_percent"], 2) for key in ("reached", "overlapped", "missed"))
-        yield name, round(part["area_m2"], 1), *shares
+        overlapped, missed = (round(part[f"{key}_percent"], 2) for key in ("overlapped", "missed"))
+        worked = round(100 - missed, 2)
+        yield name, round(part["area_m2"], 1), worked, missed, overlapped, round(worked + overlapped, 2)
 
 
 def _numbers(found: Mapping[str, Any]) -> Iterator[tuple[str, object, str]]:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from agrobot_mj.extensions.fields.boom import Boom, ImplementMotion, swept, switched, worked
 from agrobot_mj.extensions.fields.coverage import areas, coverage, excursion, gaps, side_of
+from agrobot_mj.extensions.fields.report import _areas
 
 LENGTH, WIDTH, SPEED = 100.0, 6.0, 2.0
 EMPTY = shapely.Polygon()
@@ -123,3 +124,14 @@ def test_excursion_gives_distance_area_and_side_beyond_the_boundary():
     assert found["tractor"] | {"x": -1.5} == found["tractor"]
     assert (found["tractor"]["largest_m"], found["tractor"]["area_m2"], found["tractor"]["side"]) == (1.5, 3.0, "west")
     assert found["implement"]["largest_m"] == 0.0
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.123456, -0.0987654])
+def test_printed_shares_of_the_report_add_up_to_the_field(offset):
+    passes = [strip(k * WIDTH + (k == 2) * offset) for k in range(5)]
+    part = areas(coverage(shapely.box(0, 0, LENGTH, 4 * WIDTH), EMPTY, passes))["field"]
+    ((name, _, worked, missed, overlapped, covered),) = _areas({"areas": {"field": part}})
+    assert name == "field"
+    assert worked + missed == pytest.approx(100.0, abs=1e-9)
+    assert covered - overlapped + missed == pytest.approx(100.0, abs=1e-9)
+    assert (worked, covered) == pytest.approx((part["worked_percent"], part["covered_percent"]), abs=0.011)

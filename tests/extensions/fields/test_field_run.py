@@ -77,10 +77,11 @@ def test_simulated_field_run_covers_the_field(driven):
     assert whole["covered_m2"] - whole["overlapped_m2"] + whole["missed_m2"] == pytest.approx(
         whole["area_m2"], abs=1e-6
     )
+    assert whole["worked_m2"] + whole["missed_m2"] == pytest.approx(whole["area_m2"], abs=1e-6)
     parts = [found["areas"][name]["area_m2"] for name in ("headland", "body")]
     assert sum(parts) == pytest.approx(whole["area_m2"], abs=1e-6)
     assert 0.5 < whole["missed_percent"] < 5.0
-    assert re.match(r"0\.09\d+ of 0\.1 ha covered, ", found["summary"])
+    assert re.match(r"0\.09\d+ of 0\.1 ha worked at least once, ", found["summary"])
     assert found["excursions"]["tractor"]["largest_m"] < 0.5
     assert found["turns"]["count"] == 4
     assert 0.2 < found["capacity"]["field_efficiency"] < 0.9
@@ -133,7 +134,7 @@ def test_covered_area_in_the_raster_equals_the_reported_area(driven):
     area = (high[0] - low[0]) * (high[1] - low[1])
     assert area == pytest.approx(0.25**2, rel=1e-3)
     assert (cells != 255).sum() * area == pytest.approx(found["area_m2"], rel=0.03)
-    assert ((cells > 0) & (cells != 255)).sum() * area == pytest.approx(found["reached_m2"], rel=0.03)
+    assert ((cells > 0) & (cells != 255)).sum() * area == pytest.approx(found["worked_m2"], rel=0.03)
     assert image.tag_v2[33922][3:5] == pytest.approx((5.0, to_geodetic(PLANE, 0.0, 25.0)[0]), abs=1e-8)
 
 
@@ -176,19 +177,19 @@ def test_field_run_writes_all_its_files(driven):
     shapes = json.loads((driven / "runs" / "field" / "coverage.geojson").read_text())["features"]
     kinds = {each["properties"]["kind"] for each in shapes}
     found = json.loads((driven / "runs" / "field" / "coverage.json").read_text())["areas"]["field"]
-    assert kinds >= {"field", "body", "pass", "turn", "worked", "covered", "overlapped", "missed"}
-    (covered,) = (shape(each["geometry"]) for each in shapes if each["properties"]["kind"] == "covered")
+    assert kinds >= {"field", "body", "pass", "turn", "pass_area", "worked", "overlapped", "missed"}
+    (worked,) = (shape(each["geometry"]) for each in shapes if each["properties"]["kind"] == "worked")
     (outline,) = (shape(each["geometry"]) for each in shapes if each["properties"]["kind"] == "field")
-    assert covered.area / outline.area == pytest.approx(found["reached_percent"] / 100, rel=1e-3)
+    assert worked.area / outline.area == pytest.approx(found["worked_percent"] / 100, rel=1e-3)
     corner = np.array(shapes[0]["geometry"]["coordinates"][0]).min(axis=0)
     assert corner == pytest.approx([5.0, 52.0], abs=1e-6)
 
 
 def test_report_of_a_field_run_begins_with_the_coverage(driven):
     text = (driven / "runs" / "field" / "report.html").read_text()
-    assert text.index("<h2>Coverage</h2>") < text.index("ha covered") < text.index("<h2>Track</h2>")
+    assert text.index("<h2>Coverage</h2>") < text.index("ha worked at least once") < text.index("<h2>Track</h2>")
     assert "pass-to-pass error at the implement" in text
-    layers = [text.index(f'"name": "{name}"') for name in ("covered", "overlapped", "missed", "track", "boundary")]
+    layers = [text.index(f'"name": "{name}"') for name in ("worked", "overlapped", "missed", "track", "boundary")]
     assert layers == sorted(layers)
 
 
