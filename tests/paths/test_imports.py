@@ -281,3 +281,32 @@ def test_decimal_commas_are_distinguished_from_separators():
     assert comma_numbers("12,34,1", 2) == [12, 34]
     assert read_origin("$Offsets\r\n0,0\r\nStartFix\r\n-0,5,10,25\r\n") == Origin(-0.5, 10.25)
     assert read_origin("Convergence\r\n0\r\n") is None
+
+
+@pytest.mark.parametrize("more", ["", ",1.5"])
+@pytest.mark.parametrize("first", ["", "0.000000,0.000000{}\n"])
+def test_untitled_latitudes_and_longitudes_are_recognised(tmp_path, first, more):
+    rows = "".join(f"{lat:.7f},{lon:.7f}{more}\n" for lon, lat in DEGREES)
+    (tmp_path / "log.csv").write_text(first.format(more) + rows)
+    shapes = read_shapes(str(tmp_path / "log.csv"))
+    assert shapes.crs == "EPSG:4326"
+    assert shapes.shapes[0].points[-len(DEGREES) :] == pytest.approx(DEGREES, abs=1e-7)
+    assert "the first two columns are read as latitude and longitude" in shapes.notes[-1]
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [(x, y - 10) for x, y in BEND],
+        [(52.0 + x / 100, 6.0 + y / 100) for x, y in BEND],
+        [(0.123456, 0.0), (0.134567, 0.0123457), (0.145678, 0.0234567)],
+        [(52.3, 6.7), (52.31, 6.71), (52.32, 6.7)],
+        [(520123.123456, 6.712345), (520123.223456, 6.812345), (520123.212345, 6.712355)],
+    ],
+    ids=["plane", "extent of 0.8 m", "near the origin", "few digits", "map grid"],
+)
+def test_untitled_metres_are_not_read_as_degrees(tmp_path, rows):
+    (tmp_path / "log.csv").write_text("".join(f"{float(x)!r},{float(y)!r}\n" for x, y in rows))
+    shapes = read_shapes(str(tmp_path / "log.csv"))
+    assert shapes.crs == ""
+    assert shapes.shapes[0].points == pytest.approx(np.array(rows))

@@ -1,8 +1,8 @@
 """Coverage of a field, computed with polygons: worked, overlapped and missed areas.
 
-All areas are inside the field. `worked_m2` is the area worked at least once. An area that is worked twice counts once in
-`worked_m2`, twice in `covered_m2` and once in `overlapped_m2`, so that the field area equals worked + missed area and
-covered - overlapped + missed area.
+All areas are inside the field. `worked_m2` is the area worked at least once. An area that is worked twice counts twice
+in `covered_m2` and once in `overlapped_m2`, so that the field area equals both worked + missed area and covered -
+overlapped + missed area.
 """
 
 from collections.abc import Mapping, Sequence

@@ -3,7 +3,8 @@
 A title row, or a comment above the first row of numbers, names the columns. Positions are x and y, or east and north,
 in metres, or lat and lon in degrees. The columns speed, working and direction are also read; other columns, such as a
 heading, are ignored. A file without column names has the columns x, y and optionally speed. A third column with
-other quantities is ignored.
+other quantities is ignored. Points that would be too close together for metres and have the decimals of degrees are
+read as latitudes and longitudes.
 
 Columns are separated by commas, semicolons, tabs or spaces; numbers with decimal commas need semicolons or tabs. Rows
 that begin with # or % are comments. Every error is a ValueError that gives the row number of the file and the fix.
@@ -47,6 +48,9 @@ WORDS = {"true": 1.0, "yes": 1.0, "on": 1.0, "forward": 1.0, "false": 0.0, "no":
 DECIMALS = "write decimal points instead of decimal commas"
 """Fix given in error messages about numbers that are split at decimal commas."""
 MOST_DEGREES = 180.0  # Maximum absolute longitude [deg]
+FAR_DEG, EXTENT_DEG, DECIMALS_DEG = 1.0, 0.2, 4
+"""Limits for the detection of degrees without column names: minimum latitude or longitude and maximum extent of the
+points [deg], and number of decimals exceeded by most coordinates [-]. Paths in metres are longer than 0.2 m."""
 FEWEST, NEAR_RAD = 5, 0.2
 """Minimum number of rows for detecting a column of heading angles, and maximum median difference between the column and
 the direction of the path [rad]."""
@@ -84,6 +88,12 @@ def read_table(text: str) -> ShapeFile:
     if not titles and len(columns) == 3 and not _is_speed(values):
         columns, values = columns[:2], values[:, :2]
         notes = (*notes, "the third column does not contain speeds and is ignored")
+    if not titles and _are_degrees(values[:, :2]):
+        columns = [TableColumn("lat", 0), TableColumn("lon", 1), *columns[2:]]
+        notes = (
+            *notes,
+            "the first two columns are read as latitude and longitude; for another order, name the columns",
+        )
     names = [column.name for column in columns]
     if "speed" in names and (empty := np.isnan(speeds := values[:, names.index("speed")])).any():
         if empty.all():
@@ -132,6 +142,17 @@ def _is_speed(values: Array) -> bool:
             "two is constant; name the columns in the first row"
         )
     return False
+
+
+def _are_degrees(points: Array) -> bool:
+    """Return whether the points of an untitled table, shape (n, 2), are latitudes and longitudes instead of metres."""
+    points = points[points.any(axis=1)]  # without the points (0, 0) of receivers without position
+    if len(points) < 3:
+        return False
+    smaller, larger = np.sort(np.abs(points).max(axis=0))
+    within = smaller <= MOST_DEGREES / 2 and FAR_DEG < larger <= MOST_DEGREES
+    fine = np.abs(points - np.round(points, DECIMALS_DEG)) > 1e-9
+    return bool(within and 0 < np.ptp(points, axis=0).max() < EXTENT_DEG and fine.mean(axis=0).min() > 0.5)
 
 
 def _separator(line: str) -> str:
