@@ -269,6 +269,16 @@ def test_lqr_closed_loop_is_stable_at_every_grid_speed(speed: float, reverse: bo
     assert abs(np.linalg.eigvals(A - B @ _gains(law, MACHINE, u)[0][None])).max() < 1.0
 
 
+@pytest.mark.parametrize("speed", [1.0, 2.0, 4.0])
+@pytest.mark.parametrize("integral", [1.3, 2.6])
+def test_lqr_integral_has_the_documented_time_constant(speed: float, integral: float) -> None:
+    law = Lqr(integral_m_s=integral)
+    a, wheelbase = rolling(slip_of(law, MACHINE), speed)
+    A, B = _sampled(a, speed / wheelbase, speed, law.steering_lag_s, round(law.steering_delay_s / TICK_S))
+    slowest = abs(np.linalg.eigvals(A - B @ _gains(law, MACHINE, speed)[0][None])).max()
+    assert -TICK_S / np.log(slowest) == pytest.approx(integral / law.offset_m, rel=0.05)
+
+
 def test_discrete_lqr_model_matches_integration_with_small_steps() -> None:
     """One tick of the model equals a fine integration of its equations."""
     law, u, n = Lqr(steering_delay_s=0.0), 0.4, 0
