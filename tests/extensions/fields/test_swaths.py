@@ -110,7 +110,7 @@ RECORDED = {
 
 @pytest.mark.parametrize("noise", [0.0, 0.03])
 @pytest.mark.parametrize("shape", RECORDED)
-def test_headland_laps_with_many_short_sides_are_driven_without_crawling(shape, noise):
+def test_headland_laps_with_many_short_sides_need_no_crawling(shape, noise):
     rig, outer = machine(), Polygon(recorded(RECORDED[shape].exterior, np.random.default_rng(3), noise))
     for ring in rings(outer, 3, rig.spacing):
         course = lap(smoothed(ring, rig), rig)
@@ -130,7 +130,7 @@ def test_rounded_lap_deviates_little_from_the_offset_line(shape):
     assert shapely.distance(points, outer.exterior).min() > rig.width / 2 - CORNER_M
 
 
-def test_lap_around_a_recorded_obstacle_keeps_its_clearance_without_crawling():
+def test_lap_around_a_recorded_obstacle_keeps_clearance_without_crawling():
     rig, rng = machine(), np.random.default_rng(5)
     hole = recorded(shapely.Point(60, 40).buffer(7.0, quad_segs=32).exterior, rng, 0.03)
     ring = rings(Polygon(BOX.exterior.coords, [hole]), 1, rig.spacing)[1]

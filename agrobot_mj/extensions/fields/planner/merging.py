@@ -1,13 +1,13 @@
 """Merging of short sides of a closed polyline, so that one bend replaces a run of small corners.
 
-Each corner is a bend of two clothoids and an arc within half of the adjacent sides. Between short sides, the clothoids
-are so short that the steering rate limits the speed to a crawl. A side between two corners in the same direction is
-therefore replaced by the intersection of the adjacent sides, and another side by its middle. The bend at the new corner
-follows the original polyline. The bend must
+Each corner is a bend of two clothoids and an arc within its share of the adjacent sides. Between short sides, the
+clothoids are so short that the steering rate limits the speed to a crawl. A run of corners is therefore replaced by the
+intersection of the sides at its ends, by one of its corners, or by the middle of a side. The bend at the new corner
+follows the original polyline with the maximum radius that fits. The new bends and sides must
 
-- keep the clearance of the polyline from the boundary or obstacle, up to the tolerance of corners,
-- deviate from the polyline by at most a given distance to the other side, or have the turn radius, and
-- not be slower than the bends that it replaces.
+- approach the boundary or obstacle by at most `NEARER_M`,
+- deviate to the other side by at most a given distance from the polyline rounded with the turn radius, and
+- not be slower than the bends that they replace.
 """
 
 from cmath import phase, rect
