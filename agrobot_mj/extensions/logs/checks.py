@@ -8,7 +8,7 @@ import numpy as np
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.recording import FieldRecording
-from agrobot_mj.extensions.logs.series import chords, course_rate
+from agrobot_mj.extensions.logs.series import chords, course_rate, slope_of
 
 CHORD_S, SLIPPED = 2.0, 1.5
 """Time interval over which track lengths are computed [s], and maximum ratio between the track lengths from positions
@@ -100,29 +100,32 @@ def _arm(way: Array, said: Array, across: Array) -> float | None:
 
 
 def _check_turning(recordings: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` if the course turns opposite to the yaw rate, or at a very different rate."""
-    pairs = [pair for piece in recordings if (pair := _turning_twice(piece)) is not None]
-    if not pairs:
-        return
-    course, rate = (each - each.mean() for each in np.concatenate(pairs, axis=1))
-    common, turned = float((course * rate).sum()), float((rate**2).sum())
-    source, alike = recordings[0].yaw_rate_source, AGREED * sqrt(turned * float((course**2).sum()))
-    if common > alike and not 1 / OTHER_UNIT < common / turned < OTHER_UNIT:
-        raise FieldLogError(
-            f"{recordings[0].name}: the course of the positions turns {common / turned:.2g} times as fast as the "
-            f"{source}; check the unit and the column of [{'yaw_rate' if source == 'gyro' else 'heading'}] in the map"
-        )
-    if common < -alike:
-        key = "yaw_rate.positive" if source == "gyro" else "heading.convention"
-        raise FieldLogError(
-            f"{recordings[0].name}: the course of the positions turns right where the {source} turns left; check "
-            f"whether the east and north columns of [position] are swapped; otherwise change {key} in the map"
-        )
+    """Raise `FieldLogError` if the course turns opposite to the gyro or the heading, or at a very different rate."""
+    for source, key in (("gyro", "yaw_rate.positive"), ("heading", "heading.convention")):
+        pairs = [pair for piece in recordings if (pair := _turning_twice(piece, source)) is not None]
+        if not pairs:
+            continue
+        course, rate = (each - each.mean() for each in np.concatenate(pairs, axis=1))
+        common, turned = float((course * rate).sum()), float((rate**2).sum())
+        alike = AGREED * sqrt(turned * float((course**2).sum()))
+        if common > alike and not 1 / OTHER_UNIT < common / turned < OTHER_UNIT:
+            raise FieldLogError(
+                f"{recordings[0].name}: the course of the positions turns {common / turned:.2g} times as fast as the "
+                f"{source}; check the unit and the column of [{key.partition('.')[0]}] in the map"
+            )
+        if common < -alike:
+            raise FieldLogError(
+                f"{recordings[0].name}: the course of the positions turns right where the {source} turns left; check "
+                f"whether the east and north columns of [position] are swapped; otherwise change {key} in the map"
+            )
 
 
-def _turning_twice(piece: FieldRecording) -> Array | None:
-    """Return course rate and yaw rate at common times [rad/s], shape (2, n), or None if either is not measured."""
-    if piece.position is None or piece.yaw_rate is None or piece.yaw_rate_source == "course":
+def _turning_twice(piece: FieldRecording, source: str) -> Array | None:
+    """Return course rate and yaw rate of the `source` (gyro or heading) at common times [rad/s], shape (2, n), or None
+    if either is not measured."""
+    rate = piece.yaw_rate if piece.yaw_rate_source == source else None
+    if source == "heading" and piece.heading is not None:
+        rate = slope_of(piece.heading)
+    if piece.position is None or rate is None or (course := course_rate(piece.position, piece.speed)) is None:
         return None
-    course = course_rate(piece.position, piece.speed)
-    return None if course is None else np.stack([course.value, np.interp(course.t, *piece.yaw_rate)])
+    return np.stack([course.value, np.interp(course.t, *rate)])

@@ -56,7 +56,7 @@ def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float 
         spans = list(_between(out, *bounds, min(SHORTEST_S, bounds[1] - bounds[0])))
         kept += [whole.between(*span) for span in spans]
         notes.append(_note(whole, bounds, spans, out))
-        notes += [f"{recording.name}: {each} are omitted" for each in recording.left_out]
+        notes += [f"{recording.name}: {each}" for each in recording.notes]
         if found.reverse_m:
             notes.append(
                 f"{recording.name}: the speed has no sign; according to {found.how}, {found.reverse_m:.1f} m were "

@@ -43,6 +43,7 @@ from agrobot_mj.extensions.logs.series import (
     course_rate,
     driven_places,
     fresh,
+    in_order,
     lone,
     sharpened,
     slope_of,
@@ -52,7 +53,9 @@ from agrobot_mj.extensions.logs.series import (
 SPEEDS = {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600, "mph": 0.44704}
 ANGLES = {"deg": pi / 180, "rad": 1.0, "deg/s": pi / 180, "rad/s": 1.0}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-LONGEST_GAP_S = 1.0  # Maximum gap of an input that is bridged by interpolation [s]. Assumed value: shorter than a turn.
+LONGEST_GAP_S = 1.1
+"""Maximum gap of an input that is bridged by interpolation [s]. Assumed value: above the interval of a receiver with 1
+Hz, and shorter than a turn."""
 LARGEST_STEER, LARGEST_SPEED = radians(75), 20.0
 """Maximum plausible steering angle [rad] and speed [m/s] of a tractor. Larger values indicate a wrong unit."""
 LARGEST_FIELD_M = 100e3  # Maximum extent of the positions [m]. A larger extent indicates invalid fixes.
@@ -76,7 +79,7 @@ class FieldRecording(NamedTuple):
     yaw_rate_source: str  # Source of the yaw rate: `gyro`, `heading`, `course`, or `none`
     heading: TimeSeries | None  # Heading from east [rad], counter-clockwise, unwrapped
     position: TimeSeries | None  # East and north coordinates of the recorded point, shape (n, 2) [m]
-    left_out: tuple[str, ...]  # Descriptions of repeated and implausible values that were omitted
+    notes: tuple[str, ...]  # Notes about the order of rows, and about omitted repeated and implausible values
     arm: tuple[float, float, float]
     """Position of the recorded point relative to the rear-axle centre R: ahead, to the left and up [m]."""
     inputs: dict[str, str]  # Columns of the inputs: `speed`, and `steer` or `voltage`
@@ -131,9 +134,11 @@ def read_recording(
         if part is not None and (column := part.quality)
     }
     data = read_columns(source, [column for column in keys if column not in good], keys)
-    t = data[m.time.column] * SECONDS[m.time.unit]
+    rows, t, notes = in_order(data[m.time.column] * SECONDS[m.time.unit])
     check_time(name, m.time.column, t, "time.unit of the map")
-    r = _Reader(name, t - t[0], data, good, [])
+    data = {column: each[rows] for column, each in data.items()}
+    good = {column: each[rows] for column, each in good.items()}
+    r = _Reader(name, t - t[0], data, good, notes)
     steer = r.steer(m.steer.as_read() if readings else m.steer, inf if readings else LARGEST_STEER) if m.steer else None
     voltage = r.voltage(m.valve) if m.valve else None
     speed = r.speed(m.speed)
@@ -156,7 +161,7 @@ def read_recording(
         yaw_rate_source=found,
         heading=heading,
         position=position,
-        left_out=tuple(r.left_out),
+        notes=tuple(r.notes),
         arm=(p.ahead_m, p.left_m, antenna_height if p.up_m is None else p.up_m),
         inputs={part: spec.column for part, spec in columns.items() if spec is not None},
         signed=m.speed.signed,
@@ -170,7 +175,7 @@ class _Reader(NamedTuple):
     t: Array
     data: dict[str, Array]
     good: dict[str, Mask]  # Masks of the rows with an accepted quality, by quality column
-    left_out: list[str]  # Descriptions of implausible values that were omitted
+    notes: list[str]  # Notes about omitted values
 
     def steer(self, c: SteerColumn, largest: float) -> TimeSeries:
         sign = 1.0 if c.positive == "left" else -1.0
@@ -211,10 +216,12 @@ class _Reader(NamedTuple):
         found = fresh(series)
         repeated = (np.abs(np.interp(series.t, *speed)) > LEAST_SPEED) & ~np.isin(series.t, found.t)
         if repeated.mean() > MOST_REPEATED:
-            self.left_out.append(f"{repeated.sum()} repeated values of {c.column!r} (from a slow or coarse sensor)")
+            self.notes.append(
+                f"{repeated.sum()} repeated values of {c.column!r} (from a slow or coarse sensor) are omitted"
+            )
         steady = turned_headings(found)
         if jumps := len(found.t) - len(steady.t):
-            self.left_out.append(f"{jumps} values of {c.column!r} that jump or are next to a jump")
+            self.notes.append(f"{jumps} values of {c.column!r} that jump or are next to a jump are omitted")
         return TimeSeries(steady.t, np.unwrap(steady.value))
 
     def position(self, c: PositionColumns, speed: TimeSeries) -> TimeSeries:
@@ -229,7 +236,7 @@ class _Reader(NamedTuple):
                 "the speed allows; check these columns, or specify the quality column (position.quality)"
             )
         if jumps:
-            self.left_out.append(f"{jumps} positions that jump or are next to a jump")
+            self.notes.append(f"{jumps} positions that jump or are next to a jump are omitted")
         return steady
 
     def _local_places(self, c: PositionColumns) -> tuple[Mask, Array]:
@@ -280,7 +287,7 @@ class _Reader(NamedTuple):
         """Return the values of a column with outliers replaced by NaN."""
         alone = lone(self.t, values)
         if alone.any():
-            self.left_out.append(f"{alone.sum()} values of {column!r} far from their neighbours")
+            self.notes.append(f"{alone.sum()} values of {column!r} far from their neighbours are omitted")
         return np.where(alone, np.nan, values)
 
     def _known(self, part: str, c: MeasuredColumn, values: Array, bound: float = inf, unit: str = "") -> TimeSeries:

@@ -1,6 +1,6 @@
 """Time series: removal of repeated values and jumps, interpolation, and differentiation."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import inf, sqrt
 from typing import Any, NamedTuple
 
@@ -9,7 +9,7 @@ from scipy.interpolate import Akima1DInterpolator
 from scipy.signal import savgol_filter
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.core.table_columns import Mask
+from agrobot_mj.core.table_columns import SAME_TIME, Mask
 
 Values = np.ndarray[tuple[int, ...], np.dtype[Any]]
 Index = np.ndarray[tuple[int, ...], np.dtype[np.int_]]
@@ -29,6 +29,13 @@ AWAY_S = 5.0
 STANDS_OUT, USUAL_OFF = 5.0, 0.9
 """Minimum deviation of an outlier from the line between its neighbours, divided by other deviations [-]. These are the
 deviations of the second values before and after, and the quantile `USUAL_OFF` of all deviations. Assumed values."""
+LATE_S = 0.1
+"""Maximum decrease of time between values in one segment [s]. Assumed value: values of two buses are not exactly in
+order."""
+RESTART_S = 60.0
+"""Time between two segments of a log if the time decreases between them [s]. Assumed value: longer than all gaps that
+are bridged."""
+MOST_DECREASES = 0.02  # Maximum number of decreases of time divided by the number of rows [-]. Assumed value.
 LEAST_SPEED = 0.3  # Speed below which the course is undefined and the dynamics are not excited [m/s]
 
 
@@ -57,6 +64,41 @@ class TimeSeries(NamedTuple):
         """Return the part of the series from `start` to `end` [s]."""
         inside = (self.t >= start) & (self.t <= end)
         return TimeSeries(self.t[inside], self.value[inside])
+
+
+def decreased(steps: Sequence[float]) -> str:
+    """Return a note about decreases of time by `steps` [s], at which new segments begin."""
+    number = f"{len(steps)} times, first " if len(steps) > 1 else ""
+    return f"the time decreases {number}by {steps[0]:.3g} s; the following rows are a new segment"
+
+
+def in_order(t: Array) -> tuple[Index, Array, list[str]]:
+    """Return the indices of the rows in order of time, the times of these rows without decreases [s], and notes.
+
+    Rows in reverse order are reversed. After a decrease of time, for example due to a restart or a change of the clock,
+    time continues `RESTART_S` later. Rows with the time of an earlier row are omitted. Times with many decreases or
+    repeated values remain, and `check_time` rejects them.
+    """
+    rows, notes = np.arange(len(t)), list[str]()
+    if len(t) < 2 or not np.isfinite(t).all() or not np.ptp(t):
+        return rows, t, notes
+    if (np.diff(t) <= 0).all():
+        rows, t = rows[::-1], t[::-1]
+        notes.append("the rows are in reverse order of time")
+    steps = np.diff(t)
+    back = steps < -LATE_S
+    if 0 < back.sum() <= MOST_DECREASES * len(t):
+        notes.append(decreased((-steps[back]).tolist()))
+        t = t + np.concatenate(([0.0], np.cumsum(np.where(back, RESTART_S - steps, 0.0))))
+        back[:] = False
+    if not back.any():
+        order = np.argsort(t, kind="stable")
+        rows, t = rows[order], t[order]
+        new = np.concatenate(([True], np.diff(t) > 0))
+        if 1 < len(t) / new.sum() <= SAME_TIME:
+            notes.append(f"{len(t) - new.sum()} rows with the time of another row are omitted")
+            rows, t = rows[new], t[new]
+    return rows, t, notes
 
 
 def fresh(series: TimeSeries) -> TimeSeries:

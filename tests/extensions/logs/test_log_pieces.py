@@ -3,6 +3,7 @@
 import numpy as np
 import pyarrow as pa
 import pytest
+from field_logs import STEP_S, field_log, path, recorded
 
 from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.checks import check_columns
@@ -147,6 +148,15 @@ def test_comparison_with_the_heading_rejects_swapped_position_axes():
         check_columns(pieces([read(columns | {"x": columns["y"], "y": columns["x"]}, log_map)]).kept)
 
 
+def test_mirrored_heading_is_rejected_in_a_log_with_a_gyro():
+    driven = path()
+    columns = field_log(driven) | {"gyro": np.degrees(np.gradient(driven[5], STEP_S))[::5]}
+    check_columns([recorded(columns, yaw_rate={"column": "gyro"})])
+    mirrored = recorded(columns, yaw_rate={"column": "gyro"}, heading={"convention": "compass"})
+    with pytest.raises(FieldLogError, match=r"where the heading turns left; .* change heading\.convention in the map"):
+        check_columns([mirrored])
+
+
 def test_log_without_positions_is_not_divided_into_segments():
     _, columns, log_map = shunt()
     found = pieces([read(columns, log_map.model_copy(update={"position": None}))], 5.0, 65.0)
@@ -263,7 +273,7 @@ def test_temporarily_reversed_heading_is_omitted(seconds):
     _, columns, log_map = shunt()
     clean, turned = read(columns, log_map), (columns["t"] > 15.02) & (columns["t"] < 15.02 + seconds)
     found = read(columns | {"heading": columns["heading"] + 180.0 * turned}, log_map)
-    assert found.left_out == (f"{turned.sum()} values of 'heading' that jump or are next to a jump",)
+    assert found.notes == (f"{turned.sum()} values of 'heading' that jump or are next to a jump are omitted",)
     same = np.isin(clean.heading.t, found.heading.t)
     assert (~same).sum() == turned.sum()
     assert found.heading.value == pytest.approx(clean.heading.value[same])

@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.maps import INSTEAD, LogMap, PositionColumns, lacking
+from agrobot_mj.extensions.logs.pieces import pieces
 from agrobot_mj.extensions.logs.recording import read_recording
 from agrobot_mj.extensions.logs.series import COURSE_S, lone
 
@@ -34,6 +35,41 @@ def test_heading_is_converted_to_yaw_and_differentiated_to_yaw_rate(convention):
     assert abs((apart[0] + pi) % (2 * pi) - pi) < 1e-9
     assert found.yaw_rate_source == "heading"
     assert found.yaw_rate.value == pytest.approx(YAW_RATE, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("rows", "note"),
+    [
+        (np.arange(len(T))[::-1], "the rows are in reverse order of time"),
+        (np.sort(np.r_[np.arange(len(T)), 100:130]), "30 rows with the time of another row are omitted"),
+    ],
+)
+def test_rows_in_another_order_give_the_same_recording(rows, note):
+    columns = COLUMNS | {"h": np.degrees(YAW)}
+    clean, found = (
+        read({name: each[k] for name, each in columns.items()}, heading={"column": "h", "convention": "enu"})
+        for k in (np.arange(len(T)), rows)
+    )
+    assert found.notes == (note,)
+    for part in ("steer", "heading", "yaw_rate"):
+        before, after = getattr(clean, part), getattr(found, part)
+        assert after.t == pytest.approx(before.t)
+        assert after.value == pytest.approx(before.value)
+
+
+@pytest.mark.parametrize(("step_s", "decrease"), [(-10.0, "9.95"), (-3600.0, "3.6e+03"), (-72e3, "7.2e+04")])
+def test_rows_after_a_decrease_of_time_are_a_new_segment(step_s, decrease):
+    """Restart of a recording, end of daylight-saving time, and a clock that starts again at midnight."""
+    t = T + step_s * (T > 15.01)
+    found = pieces([read({"t": t, "x": ARC[:, 0], "y": ARC[:, 1]}, **POSITION)])
+    assert [each.end - each.start for each in found.kept] == pytest.approx([15.0, 14.9])
+    assert f"log: the time decreases by {decrease} s; the following rows are a new segment" in found.notes
+    assert found.kept[1].position.value[-1] == pytest.approx(ARC[-1])
+
+
+def test_rows_in_random_order_are_rejected():
+    with pytest.raises(FieldLogError, match=r"decreases at row .*; sort the rows by time"):
+        read({"t": np.random.default_rng(1).permutation(T), "x": ARC[:, 0], "y": ARC[:, 1]}, **POSITION)
 
 
 @pytest.mark.parametrize("rate_hz", [20, 10])
@@ -157,13 +193,13 @@ def test_outliers_are_omitted_and_reported():
     columns["speed"] = SPEED + 0.01 * np.sin(T)
     tables = {"yaw_rate": {"column": "g", "unit": "rad/s"}, "heading": {"column": "h", "convention": "enu"}}
     clean = read(columns, **tables)
-    assert clean.left_out == ()
+    assert clean.notes == ()
     for name, off in (("steer", 90.0), ("speed", 30.0), ("g", 3.0), ("h", 180.0)):
         columns[name] = columns[name].copy()
         columns[name][GLITCHES] += off
     found = read(columns, **tables)
-    told = [f"5 values of '{name}' far from their neighbours" for name in ("steer", "speed", "h", "g")]
-    assert found.left_out == tuple(told)
+    told = [f"5 values of '{name}' far from their neighbours are omitted" for name in ("steer", "speed", "h", "g")]
+    assert found.notes == tuple(told)
     for part in ("steer", "speed", "yaw_rate", "heading"):
         before, after = getattr(clean, part), getattr(found, part)
         assert len(after.t) == len(before.t) - 5

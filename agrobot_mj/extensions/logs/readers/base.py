@@ -19,6 +19,7 @@ from agrobot_mj.core.errors import shortened
 from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.core.table_columns import NAME, FieldLogError, Source, check_size
+from agrobot_mj.extensions.logs.series import LATE_S, RESTART_S, decreased
 from agrobot_mj.paths.imports import text_type
 
 QUANTITIES = (
@@ -47,8 +48,6 @@ LONGEST_LINE = 65536  # Maximum length of a line of text [bytes]
 LARGEST = 1e300  # Absolute value from which a number counts as missing, in any unit
 MOST_VALUES = 20_000_000  # Maximum number of values from one file; a value needs 16 bytes
 MOST_DAMAGED = 0.2  # Fraction of unreadable lines above which a file is rejected as damaged [-]. Assumed value.
-LATE_S = 0.1
-"""Maximum accepted decrease of time between values [s]. Assumed value: values of two buses are not exactly in order."""
 DAY_S = 86400.0
 
 
@@ -99,8 +98,9 @@ class Samples:
     """Values of a log with their times, collected by a reader."""
 
     def __init__(self, path: Path, ordered: bool = True) -> None:
-        """Create an empty collection. If `ordered`, a decreasing time is an error; otherwise values are sorted."""
+        """Create an empty collection. If `ordered`, time may decrease at restarts. Otherwise values are sorted."""
         self.name, self._ordered = path.name, ordered
+        self._latest, self._shift, self._decreases = dict[str, float](), 0.0, list[float]()
         self._kept: dict[str, dict[str, tuple[array[float], array[float]]]] = {}
         self._values, self._lines, self._damaged, self._first_damage = 0, 0, 0, ""
 
@@ -110,6 +110,13 @@ class Samples:
         If several sources provide a quantity, the source with the most values is used. Raises `FieldLogError` for too
         many values.
         """
+        t += self._shift
+        if self._ordered and t < (latest := self._latest.get(source, t)) - LATE_S:
+            self._decreases.append(latest - t)
+            later = max(self._latest.values()) + RESTART_S - t
+            self._latest, self._shift, t = {}, self._shift + later, t + later
+        if isfinite(t):
+            self._latest[source] = t
         for name, value in values.items():
             if abs(value) < LARGEST and isfinite(t):
                 times, kept = self._kept.setdefault(name, {}).setdefault(source, (array("d"), array("d")))
@@ -138,6 +145,8 @@ class Samples:
         if not self._kept:
             raise FieldLogError("; ".join([f"{self.name}: the log contains no {what}", *notes[:3]]))
         found = list(notes)
+        if self._decreases:
+            found.append(decreased(self._decreases))
         if self._damaged:
             found.append(f"{self._damaged} damaged lines are omitted (first: {self._first_damage})")
         chosen = {name: max(parts, key=lambda each: len(parts[each][0])) for name, parts in self._kept.items()}
@@ -146,22 +155,8 @@ class Samples:
         for name, parts in self._kept.items():
             if others := [source for source in parts if source != chosen[name]]:
                 found.append(f"{name} is also in {', '.join(others)}, with fewer values")
-        columns = {name: self._in_order(name, *self._kept[name][source]) for name, source in chosen.items()}
+        columns = {name: _in_order(name, *self._kept[name][source]) for name, source in chosen.items()}
         return ReadLog(self._table(columns), tuple(found), meaning)
-
-    def _in_order(self, name: str, times: "array[float]", kept: "array[float]") -> tuple[Array, Array]:
-        """Return times and values of a quantity in order of time. Raises `FieldLogError` if time decreases."""
-        t, values = np.frombuffer(times, dtype=np.float64), np.frombuffer(kept, dtype=np.float64)
-        back = np.diff(t)
-        if self._ordered and len(back) and (worst := float(back.min())) < -LATE_S:
-            k = int(back.argmin())
-            raise FieldLogError(
-                f"{self.name}: the time decreases by {-worst:.3g} s after the first {t[k] - t[0]:.3f} s of {name}; "
-                "split the file there"
-            )
-        order = np.argsort(t, kind="stable")
-        # a sensor of one revolution restarts at zero
-        return t[order], np.unwrap(values[order]) if name == "steering_wheel" else values[order]
 
     def _table(self, columns: dict[str, tuple[Array, Array]]) -> pa.Table:
         start = min(t[0] for t, _ in columns.values())
@@ -176,6 +171,14 @@ class Samples:
             fields.append(_field(known.get(name, Column(name, "", "of this reader"))))
             arrays.append(pa.array(column, from_pandas=True))
         return pa.table(arrays, schema=pa.schema(fields, metadata={NAME: self.name.encode()}))
+
+
+def _in_order(name: str, times: "array[float]", kept: "array[float]") -> tuple[Array, Array]:
+    """Return times and values of a quantity in order of time."""
+    t, values = np.frombuffer(times, dtype=np.float64), np.frombuffer(kept, dtype=np.float64)
+    order = np.argsort(t, kind="stable")
+    # a sensor of one revolution restarts at zero
+    return t[order], np.unwrap(values[order]) if name == "steering_wheel" else values[order]
 
 
 def _field(quantity: Column) -> pa.Field:

@@ -19,8 +19,9 @@ from typing import Literal, NamedTuple
 from xml.etree import ElementTree
 
 from agrobot_mj.core.table_columns import FieldLogError, check_size
-from agrobot_mj.extensions.logs.readers.base import DAY_S, LATE_S, Head, LogReader, ReadLog, Samples
+from agrobot_mj.extensions.logs.readers.base import DAY_S, Head, LogReader, ReadLog, Samples
 from agrobot_mj.extensions.logs.readers.can import SIGNALS, BusSignal
+from agrobot_mj.extensions.logs.series import LATE_S
 
 TASKDATA = "TASKDATA.XML"
 TIME_LOG = re.compile(r"(TLG\d{5})\.XML")

@@ -14,8 +14,9 @@ from typing import Any, Literal
 from agrobot_mj.core.errors import shortened
 from agrobot_mj.core.nmea import NO_FIX, fields_of
 from agrobot_mj.core.table_columns import FieldLogError, check_size
-from agrobot_mj.extensions.logs.readers.base import DAY_S, LATE_S, DayClock, Head, LogReader, ReadLog, Samples
+from agrobot_mj.extensions.logs.readers.base import DAY_S, DayClock, Head, LogReader, ReadLog, Samples
 from agrobot_mj.extensions.logs.readers.sentences import KINDS, SENTENCE, Quantities, Sentence, found_in
+from agrobot_mj.extensions.logs.series import LATE_S
 
 RESET_S = 60.0
 """Minimum time jump that indicates a reset of the clock of a receiver without a fix [s]."""
@@ -44,6 +45,7 @@ class _Sentences:
     def __init__(self, path: Path, data: mmap.mmap) -> None:
         self.data, self.path, self.name, self.samples = data, path, path.name, Samples(path)
         self.clock, self.start, self.t, self.latest = DayClock(), -inf, -inf, dict[str, float]()
+        self.settled = False  # Whether the receiver can no longer correct its clock
         self.early, self.kept, self.unclear, self.first_unclear = 0, 0, 0, ""
         self.valid, self.invalid = set[str](), dict[str, Any]()
         """Types of sentences with a valid checksum. For each type, the number of sentences without a valid checksum,
@@ -52,8 +54,8 @@ class _Sentences:
         self._void = data.find(b"RMC,") >= 0  # whether the latest RMC sentence reports no fix, or has yet to come
 
     def read(self) -> ReadLog:
-        """Return the values of all sentences. Raises `FieldLogError` if no sentence has a fix, if the time decreases,
-        or if too many sentences are invalid."""
+        """Return the values of all sentences. Raises `FieldLogError` if no sentence has a fix, or if too many sentences
+        are invalid."""
         for found in found_in(self.data):
             if not found.fields:
                 count, *first = self.invalid.get(found.kind) or (0, self._line_of(found), found.text)
@@ -61,8 +63,9 @@ class _Sentences:
                 continue
             self.valid.add(found.kind)
             if (values := self._values(found)) is not None:
-                if self.t < self.latest.get(found.kind, -inf) - LATE_S:
-                    self._begin_again(found)
+                self.settled |= self.latest.get(found.kind, -inf) - self.start > SETTLED_S
+                if not self.settled and self.t < self.latest.get(found.kind, -inf) - LATE_S:
+                    self._begin_again()
                 self.latest[found.kind] = self.t
                 self.samples.add(self.t, found.kind, **values)
                 self.kept += 1
@@ -109,15 +112,8 @@ class _Sentences:
             self.start = self.t
         return values
 
-    def _begin_again(self, found: Sentence) -> None:
-        """Discard the sentences before a backward jump in time. Raises `FieldLogError` if the discarded sentences cover
-        more than `SETTLED_S`."""
-        last = self.latest[found.kind]
-        if last - self.start > SETTLED_S:
-            raise FieldLogError(
-                f"{self.name}: the time decreases by {last - self.t:.3g} s at line {self._line_of(found)}; split the "
-                "file there"
-            )
+    def _begin_again(self) -> None:
+        """Discard the sentences before a backward jump in time."""
         self.samples, self.latest, self.start = Samples(self.path), {}, self.t
         self.early, self.kept, self.invalid = self.early + self.kept, 0, {}
 

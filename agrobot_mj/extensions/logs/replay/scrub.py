@@ -39,7 +39,7 @@ def _bend(angle: float) -> FieldRecording:
         antenna_speed=False,
         steer=steer,
         yaw_rate_source="none",
-        left_out=(),
+        notes=(),
         arm=(0.0, 0.0, 0.0),
         inputs={},
         signed=True,

@@ -86,11 +86,18 @@ def test_logs_with_fewer_or_additional_columns_are_read(recorded, tmp_path):
         assert (log.reader, len(log.source), log.notes) == ("agopenweb", 400, ())
 
 
+def test_rows_after_a_decrease_of_time_are_a_new_segment(recorded):
+    lines = [line for line in recorded.read_text().splitlines() if line]
+    recorded.write_text("\n".join([lines[0], *lines[100:190], *lines[1:9]]))
+    log = open_log(recorded)
+    assert log.notes[0] == "the time decreases by 18.8 s; the following rows are a new segment"
+    assert np.diff(log.source["t"].to_numpy()).max() == pytest.approx(60.0, abs=0.1)
+
+
 @pytest.mark.parametrize(
     ("change", "told"),
     [
         (lambda lines: lines[:1], "contains no rows"),
-        (lambda lines: [lines[0], *lines[100:190], *lines[1:9]], "the time decreases by 18.8 s after the first 8.9"),
         (lambda lines: [lines[0], *[line[:40] for line in lines[1:]]], "400 of 400 lines cannot be read"),
         (lambda lines: [lines[0], *[line.replace(".", ",") for line in lines[1:]]], "lines cannot be read"),
     ],

@@ -10,6 +10,7 @@ from agrobot_mj.extensions.logs.readers import open_log
 from agrobot_mj.extensions.logs.readers.base import HEAD_BYTES
 
 EAST, LATITUDE = 2.5e-5, 50.877  # Degrees of longitude a second, some 1.8 m, and latitude
+MOVING = "$GPRMC,120000.10,A,5052.620,N,00441.940,E,7.5,123.5,231126,,,A"
 BOARD = "$PAOGI,120000.10,5052.6200000,N,00441.9400000,E,4,14,0.7,35.000,1.0,2.333,90.00,-2.50,0.0,5.0"
 """Position sentence of the AgOpenGPS family without its checksum."""
 
@@ -94,10 +95,6 @@ def test_damaged_sentences_are_counted_and_too_many_rejected(tmp_path):
     ("lines", "told"),
     [
         (["$GNHDT,88.5,T"], "none of the 1 sentences has a fix"),
-        (
-            [BOARD, BOARD.replace("120000", "120030"), BOARD.replace("120000", "110000")],
-            r"decreases by 3.63e\+03 s at line 3",
-        ),
         ([BOARD.replace("120000.10", "996199.10")], "contains no sentences .* 1 sentences with invalid fields"),
         ([BOARD.replace("120000.10", "nan")], "contains no sentences .* 1 sentences with invalid fields"),
     ],
@@ -106,6 +103,20 @@ def test_malformed_nmea_text_is_rejected_with_the_reason(tmp_path, lines, told):
     (tmp_path / "log").write_text("\n".join(map(checked, lines)))
     with pytest.raises(FieldLogError, match=told):
         open_log(tmp_path / "log")
+
+
+@pytest.mark.parametrize(("hour", "decrease"), [("115900", "by 89 s"), ("110000", "by 3.63e+03 s")])
+def test_sentences_after_a_restart_of_the_recording_are_a_new_segment(tmp_path, hour, decrease):
+    """The recording begins again at an earlier time of day, with sentences of two types."""
+    times = [f"1200{k:02d}" for k in range(30)] + [f"{hour[:4]}{k:02d}" for k in range(30)]
+    lines = [line for each in times for line in (BOARD.replace("120000", each), MOVING.replace("120000", each))]
+    (tmp_path / "log").write_text("\n".join(map(checked, lines)))
+    log = open_log(tmp_path / "log")
+    assert sum("the time decreases" in note for note in log.notes) == 1
+    assert f"the time decreases {decrease}; the following rows are a new segment" in log.notes
+    t = log.source["t"].to_numpy()
+    assert len(t) == 60
+    assert sorted(set(np.diff(t).round(6))) == [1.0, 60.0]
 
 
 def test_infinite_value_in_a_sentence_is_a_missing_value(tmp_path):

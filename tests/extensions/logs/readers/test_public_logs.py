@@ -16,8 +16,8 @@ def folder(tmp_path):
     rows = [f"{minutes(lat, 2)},N,{minutes(lon, 3)},E" for lat, lon in PLACES]
     rows = [checked(f"$GPGGA,1200{k:02d}.00,{place},1,9,0.9,35.0,M,46.0,M,,") for k, place in enumerate(rows)]
     (tmp_path / "good.log").write_text("\n".join(rows))
-    backwards = "\n".join([*rows, *rows])
-    (tmp_path / "twice.log").write_text(backwards)
+    damaged = [row.replace("35.0", "36.0") for row in rows]
+    (tmp_path / "damaged.log").write_text("\n".join([*rows, *damaged]))
     pairs = " ".join(f"{lon:.7f},{lat:.7f},0" for lat, lon in PLACES)
     line = f"<Placemark><LineString><coordinates>{pairs}</coordinates></LineString></Placemark>"
     (tmp_path / "way.kml").write_text(f'<kml xmlns="http://www.opengis.net/kml/2.2">{line}</kml>')
@@ -41,12 +41,12 @@ def test_public_log_check_compares_files_with_expected_positions(folder, capsys)
         "track.gpx": "read",
         "empty.gpx": "read",
         "course.log": "read",
-        "twice.log": "wrongly rejected",
+        "damaged.log": "wrongly rejected",
         "notes.txt": "rejected",
     }
     assert public_logs.main([str(folder)]) == 1
-    assert "wrongly rejected: twice.log: " in capsys.readouterr().out
-    (folder / "twice.log").unlink()
+    assert "wrongly rejected: damaged.log: " in capsys.readouterr().out
+    (folder / "damaged.log").unlink()
     assert public_logs.main([str(folder)]) == 0
 
 
