@@ -35,6 +35,8 @@ MOST_STEPS = 1e8
 NAME = b"name"  # Key of the log's name in the table metadata
 PARQUET = b"PAR1"  # First bytes of a Parquet file
 CONTROL = re.compile(r"[\x00-\x08\x0e-\x1a]")  # Pattern of control characters, which do not occur in text files
+DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")  # Pattern of a number with a decimal comma
+CLOCK = re.compile(r"(\d\d?):(\d\d):(\d\d(?:[.,]\d+)?)")  # Pattern of a time of day
 NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")  # Pattern of a finite number in a CSV cell
 
 
@@ -205,21 +207,38 @@ def _csv(path: Path, wanted: Sequence[str]) -> pa.Table:
     """Return the requested columns of a CSV file. Raises `FieldLogError` for a file that is too large or unreadable."""
     check_size(path)
     names, delimiter = _header(path)
-    try:
+
+    def read(decimal: str) -> pa.Table:
         return pacsv.read_csv(
             path,
             read_options=pacsv.ReadOptions(column_names=names, skip_rows=1, use_threads=False),
             parse_options=pacsv.ParseOptions(delimiter=delimiter),
-            convert_options=pacsv.ConvertOptions(include_columns=list(dict.fromkeys(wanted)), strings_can_be_null=True),
+            convert_options=pacsv.ConvertOptions(
+                include_columns=list(dict.fromkeys(wanted)), strings_can_be_null=True, decimal_point=decimal
+            ),
         )
+
+    try:
+        table = read(".")
+        texts = (column for column in table.columns if delimiter != "," and pa.types.is_string(column.type))
+        return read(",") if any(DECIMAL_COMMA.fullmatch(_first_text(column)) for column in texts) else table
     except (pa.ArrowException, OSError, ValueError) as error:
         raise FieldLogError(
             f"{path.name}: the file cannot be read as CSV: {_first_line(error)}; correct or remove that row"
         ) from None
 
 
+def _first_text(cells: pa.ChunkedArray) -> str:
+    """Return the first text in a column, or an empty string."""
+    return next(filter(None, (text.as_py() for text in cells)), "")
+
+
 def _floats(name: str, column: str, cells: pa.ChunkedArray) -> Array:
     kind = cells.type
+    if pa.types.is_time(kind):
+        cells, kind = cells.cast(pa.string()), pa.string()
+    if pa.types.is_string(kind) and CLOCK.fullmatch(_first_text(cells)):
+        return _clock_seconds(name, column, cells)
     if pa.types.is_dictionary(kind):
         cells, kind = cells.cast(kind.value_type), kind.value_type
     if pa.types.is_timestamp(kind) or pa.types.is_duration(kind):
@@ -238,6 +257,20 @@ def _floats(name: str, column: str, cells: pa.ChunkedArray) -> Array:
     return values
 
 
+def _clock_seconds(name: str, column: str, cells: pa.ChunkedArray) -> Array:
+    """Return times of day in seconds since midnight, and NaN for empty cells. Raises `FieldLogError` for other text."""
+    found = np.full(len(cells), np.nan)
+    for k, text in enumerate(cells.to_pylist()):
+        if not text:
+            continue
+        if not (match := CLOCK.fullmatch(text)):
+            raise FieldLogError(
+                f"{name}: {column!r} contains {text[:20]!r} in row {k + 1}, not a time; remove that row"
+            )
+        found[k] = 3600 * int(match[1]) + 60 * int(match[2]) + float(match[3].replace(",", "."))
+    return found
+
+
 def _numpy(cells: pa.ChunkedArray, origin: int) -> Array:
     """Return cells minus `origin` as a writable float array. Subtracting integers keeps all digits of nanoseconds."""
     if origin:
@@ -249,7 +282,7 @@ def _described(kind: pa.DataType, cells: pa.ChunkedArray) -> str:
     if pa.types.is_string(kind) or pa.types.is_large_string(kind):
         words = [(k, v) for k, v in enumerate(cells.to_pylist(), 1) if v]
         row, sample = next((word for word in words if not NUMBER.fullmatch(word[1])), words[0] if words else (1, ""))
-        if re.fullmatch(r"[+-]?\d+,\d+", sample):
+        if DECIMAL_COMMA.fullmatch(sample):
             return f"decimal commas ({sample!r}); write decimal points"
         return f"text ({sample[:20]!r} in row {row}), not numbers; remove that row or specify another column"
     return f"{kind}, not numbers; export one number per row or specify another column"

@@ -41,6 +41,26 @@ def test_numeric_columns_of_every_type_are_read_as_floats_and_gaps_as_nan(write)
         assert found[unit] == pytest.approx(np.floor(T * per_s) / per_s, abs=1e-12)
 
 
+@pytest.mark.parametrize("delimiter", [";", "\t"])
+def test_decimal_commas_are_read_with_semicolons_or_tabs(tmp_path, delimiter):
+    file = tmp_path / "log.csv"
+    file.write_text("\n".join(delimiter.join(row) for row in (("t", "speed"), ("2,05", "-1,5"), ("2,1", ""))))
+    found = read_columns(file, ["t", "speed"])
+    assert found["t"].tolist() == [2.05, 2.1]
+    assert found["speed"][0] == -1.5
+    assert np.isnan(found["speed"][1])
+
+
+@pytest.mark.parametrize("text", ["23:59:22{}", "23:59:22.25{}", "23:59:22,25{}"])
+def test_times_of_day_are_read_as_seconds(tmp_path, text):
+    (tmp_path / "log.csv").write_text("t;speed\n" + text.format(";1\n") + text.format(";2\n"))
+    second = 22.25 if "25" in text else 22.0
+    assert read_columns(tmp_path / "log.csv", ["t"])["t"].tolist() == [86340 + second] * 2
+    (tmp_path / "log.csv").write_text("t;speed\n" + text.format(";1\n") + "later;2\n")
+    with pytest.raises(FieldLogError, match="'t' contains 'later' in row 2, not a time"):
+        read_columns(tmp_path / "log.csv", ["t"])
+
+
 @pytest.mark.parametrize(
     ("values", "told"),
     [
