@@ -16,11 +16,9 @@ from agrobot_mj.core.nmea import NO_FIX, fields_of
 from agrobot_mj.core.table_columns import FieldLogError, check_size
 from agrobot_mj.extensions.logs.readers.base import DAY_S, DayClock, Head, LogReader, ReadLog, Samples
 from agrobot_mj.extensions.logs.readers.sentences import KINDS, SENTENCE, Quantities, Sentence, found_in
-from agrobot_mj.extensions.logs.series import LATE_S
 
 RESET_S = 60.0
 """Minimum time jump that indicates a reset of the clock of a receiver without a fix [s]."""
-SETTLED_S = 10.0  # Time after the first fix within which a receiver may still correct its clock [s]. Assumed value.
 
 
 class NmeaText(LogReader):
@@ -43,9 +41,8 @@ class _Sentences:
     """Converter for the NMEA sentences in one file, with the clock of the receiver."""
 
     def __init__(self, path: Path, data: mmap.mmap) -> None:
-        self.data, self.path, self.name, self.samples = data, path, path.name, Samples(path)
-        self.clock, self.start, self.t, self.latest = DayClock(), -inf, -inf, dict[str, float]()
-        self.settled = False  # Whether the receiver can no longer correct its clock
+        self.data, self.name, self.samples = data, path.name, Samples(path)
+        self.clock, self.t = DayClock(), -inf
         self.early, self.kept, self.unclear, self.first_unclear = 0, 0, 0, ""
         self.valid, self.invalid = set[str](), dict[str, Any]()
         """Types of sentences with a valid checksum. For each type, the number of sentences without a valid checksum,
@@ -63,10 +60,6 @@ class _Sentences:
                 continue
             self.valid.add(found.kind)
             if (values := self._values(found)) is not None:
-                self.settled |= self.latest.get(found.kind, -inf) - self.start > SETTLED_S
-                if not self.settled and self.t < self.latest.get(found.kind, -inf) - LATE_S:
-                    self._begin_again()
-                self.latest[found.kind] = self.t
                 self.samples.add(self.t, found.kind, **values)
                 self.kept += 1
         if self.early and not self.kept:
@@ -108,14 +101,7 @@ class _Sentences:
             self.unclear += 1
             self.first_unclear = self.first_unclear or f"line {self._line_of(found)}, {shortened(found.text, 60)}"
             return None
-        if self.start == -inf:
-            self.start = self.t
         return values
-
-    def _begin_again(self) -> None:
-        """Discard the sentences before a backward jump in time."""
-        self.samples, self.latest, self.start = Samples(self.path), {}, self.t
-        self.early, self.kept, self.invalid = self.early + self.kept, 0, {}
 
     def _is_reset(self, text: str) -> bool:
         """Return whether a time of day differs from the time of the preceding sentence by more than `RESET_S`."""
