@@ -3,10 +3,12 @@
 Any key with a nonzero number can be fitted: tyre, mass, geometry, soil. Residuals are errors of yaw rate and position
 in windows. A rigid motion aligns each window with the recording, so that residuals do not depend on the initial pose.
 The toolbox assumes independent errors of equal size, but errors of logs are correlated. Therefore the intervals come
-from a jackknife over windows. These intervals do not include errors of the map and of other keys.
+from a jackknife over windows. Errors of the map are equal in all windows. Therefore the variances due to typical errors
+of a calibrated wheel angle are added. The intervals do not include errors of other keys.
 """
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from io import StringIO
 from math import inf
 from typing import Any, NamedTuple
@@ -25,11 +27,15 @@ from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.replay.driving import Driven, drive
 from agrobot_mj.extensions.logs.replay.residuals import WINDOW_S, beside, moving, start_pose, windows
 from agrobot_mj.extensions.logs.replay.result import on_wide_ground, reach
+from agrobot_mj.extensions.logs.series import TimeSeries
 from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.scenario.schema import Scenario
 
 RANGE = 4.0  # Maximum ratio between a fitted value and its initial value, in both directions [-]
 STEP = 0.01  # Relative change of a value for finite differences [-]: large compared with contact noise
+STEER_SCALE, STEER_DELAY_S = 0.005, 0.002
+"""Standard deviations of the relative scale error [-] and of the latency error [s] of the recorded wheel angle. Assumed
+values for a calibrated map. An error of 2 ms changes a rear stiffness by 3 %."""
 Residuals = dict[tuple[str, int, int], Array]
 """Residuals by channel, segment and window number. The number of residuals is independent of the fitted keys."""
 
@@ -52,6 +58,15 @@ class _Problem:
         self.scenario, self.start = on_wide_ground(scenario, max(map(reach, pieces))), start
         self.pieces = [(each, start_pose(each, scenario.tractor.wheelbase_m)) for each in pieces]
         self.weights: dict[str, float] = {}
+
+    def misread(self, scale: float, delay: float) -> "_Problem":
+        """Return a copy of the problem with a relative scale error and a latency error [s] of the wheel angles."""
+        other = copy(self)
+        other.pieces = [
+            (each._replace(steer=each.steer and TimeSeries(each.steer.t + delay, (1 + scale) * each.steer.value)), pose)
+            for each, pose in self.pieces
+        ]
+        return other
 
     def residuals(self, x: Array) -> Residuals:
         """Return the unweighted residuals of replays with the unknowns `x`."""
@@ -97,9 +112,16 @@ def fit_keys(
     rows = [row[:, 0] for row in problem.weighted(x)[0]]
     scale = np.diag(list(start.values()))
     halves = np.abs(scale) @ toolbox.calculate_intervals(rows, jacobian)[1]
-    covariance, found, notes = _spread(now, rows, jacobian), dict[str, Quantity](), list(cut.notes)
+    covariance = _spread(now, rows, jacobian)
+    for error in ((STEER_SCALE, 0.0), (0.0, STEER_DELAY_S)):
+        misread = problem.misread(*error).weighted(x)[0]
+        effect = np.linalg.pinv(jacobian) @ np.concatenate(
+            [other[:, 0] - row for other, row in zip(misread, rows, strict=True)]
+        )
+        covariance += np.outer(effect, effect)
+    found, notes = dict[str, Quantity](), list(cut.notes)
     for name, factor, unit in zip(start, x, scale, strict=True):
-        value, half = float(factor) * start[name], half_width(covariance, unit, number - len(x))
+        value, half = float(factor) * start[name], half_width(covariance, unit, number - 1)
         found[name] = Quantity(value, value - half, value + half, half < SEPARABLE * abs(value))
         if not 1.02 / RANGE < factor < RANGE / 1.02:
             notes.append(
