@@ -8,7 +8,7 @@ gyro or, without a gyro, to the steering.
 Initial values come from a regression without slip (`steering`), which also detects different left and right scales.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import exp, hypot, inf, pi, radians, sqrt
 from typing import Literal, NamedTuple
 
@@ -34,7 +34,7 @@ from agrobot_mj.extensions.logs.quantities import Quantity, half_width
 from agrobot_mj.extensions.logs.recording import ANGLES, FieldRecording
 from agrobot_mj.extensions.logs.replay.scrub import scrub
 from agrobot_mj.extensions.logs.series import TimeSeries, chords
-from agrobot_mj.extensions.logs.steering import AGES_S, RoughSteering, SteeringCentre, centre_of, rough_steering
+from agrobot_mj.extensions.logs.steering import AGES_S, RoughSteering, SteeringCentre, centre_of, moved, rough_steering
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.sensors.dual_antenna import DualAntenna
 
@@ -53,21 +53,40 @@ BENDS_RAD = radians(2.5)
 """Minimum standard deviation of the wheel angle at which latencies and antenna positions are identifiable [rad].
 Assumed value: without slip, the error of the antenna position is 0.13 m at steering angles of 0.7 deg, and 0.016 m
 at 3 deg."""
-LAG_OF_GYRO_S, LAG_OF_STEERING_S, LAG_OF_TYRES_S = 0.01, 0.03, 0.045
-"""Half widths of latency intervals due to unmodelled lags [s]. First: heading relative to a gyro. Second: heading or
-gyro relative to the steering. Third: position and speed, due to tyres and body roll. The third value times the speed is
-the half width for the distance of the antenna ahead of the rear axle. Assumed values, from the simulator."""
 TWO_SIGMA = 2.0  # Minimum difference between left and right steering scale, divided by its standard error [-]
 RIGHT_SIGMA = 0.3  # Prior standard deviation of the right steering scale divided by the left steering scale [-]
 ONE_SPEED = 3.0
 """Factor by which intervals are widened if the machine drives at one speed throughout the log [-]. With one speed,
 errors of steering scale, tyre parameters and antenna position cannot be separated. Assumed value."""
-MOST_SCRUB = 1.2
-"""Half width of the interval for the yaw-rate loss due to tyre scrub, divided by the loss of the simulated tyres [-].
-Assumed value: real tyres scrub up to twice as much."""
-SLIP_LEAD = 1 / 30
-"""Half width of the interval of the wheel-speed latency due to slip of accelerating wheels, divided by the speed
-[s2/m]. Assumed value: twice the value of tyres on firm ground."""
+SCRUB, SCRUB_HALF = 0.6, 0.8
+"""Mean, and half width of the interval, of the yaw-rate loss due to tyre scrub, divided by the loss of the simulated
+tyres [-]. From the simulator, for 0.4 to 1.6 times the lateral compliance of the scenario, with and without a scrubbing
+moment."""
+
+
+class _Lag(NamedTuple):
+    """Effect of dynamics that the fit does not model, on a fitted latency [s] or distance [m]."""
+
+    mean: float
+    half: float  # Half width of the 95 % interval
+
+    def times(self, factor: float) -> "_Lag":
+        """Return the effect multiplied by a factor."""
+        return _Lag(self.mean * factor, self.half * factor)
+
+
+LAGS = {
+    "steer.delay_s": _Lag(-0.002, 0.018),
+    "heading.delay_s": _Lag(-0.002, 0.002),
+    "position.delay_s": _Lag(-0.01, 0.027),
+    "speed.delay_s": _Lag(-0.01, 0.027),
+}
+"""Effects on the latencies relative to a gyro, due to linkage, tyres and body roll [s]. The values of this and the
+following constants are means and spreads of calibrations of 100 simulated machines."""
+STEERING_S = _Lag(0.012, 0.022)  # Additional effect on latencies that are relative to the steering [s]
+AHEAD_S = _Lag(-0.005, 0.025)  # Effect on the distance of the antenna ahead, divided by the speed [s]
+WHEEL_S2_M = _Lag(-1 / 60, 1 / 60)
+"""Effect of slip of accelerating wheels on the latency of a wheel speed, divided by the speed [s2/m]."""
 
 
 class _Drive(NamedTuple):
@@ -77,9 +96,20 @@ class _Drive(NamedTuple):
     bends: bool  # Whether the steering moves enough to identify latencies and antenna positions
     steady: bool  # Whether the machine drives at one speed throughout the log
     scrub: float  # Fraction of the yaw rate that scrubbing tyres lose in slow bends [-]
-    slip_lead: float  # Half width of the interval of the wheel-speed latency due to wheel slip [s]
     gyro: bool  # Whether latencies are relative to a gyro; otherwise, they are relative to the steering
-    lag_m: float  # Half width of the interval of the antenna's distance ahead, due to lags of tyres and body [m]
+    speed: float  # Mean of slow and fast speed [m/s]
+    wheel_speed: bool  # Whether the recorded speed is the speed of the driven wheels
+
+    def lags(self, key: str) -> Iterator[_Lag]:
+        """Yield the effects of dynamics that are not modelled on the quantity of a map key."""
+        if key in LAGS:
+            yield LAGS[key]
+        if key in LAGS and key != "steer.delay_s" and not self.gyro:
+            yield STEERING_S
+        if key == "speed.delay_s" and self.wheel_speed:
+            yield WHEEL_S2_M.times(self.speed)
+        if key == "position.ahead_m":
+            yield AHEAD_S.times(self.speed)
 
 
 class Calibration(NamedTuple):
@@ -170,15 +200,21 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
     angles = tuple(rough.angle(piece) for piece in cut.kept)
     chassis = Chassis2(t.mass_kg, t.yaw_inertia_kg_m2, t.cg_to_front_axle, t.cg_to_rear_axle, False)
     data = enough(angles, chassis, LEAST_WINDOWS)
-    sides = ("steer_right",) if rough.right != 1.0 or log_map.speed.of == "antenna" else ()
     known = priors(t, rough.age) | {"steer_right": Prior(rough.right, RIGHT_SIGMA)}
+    centres = tuple(
+        centre for half in split(cut.kept, 0.5) if (centre := centre_of(half, t.wheelbase_m, rough)) is not None
+    )
+    # a centre that moves resembles two scales
+    sides = ("steer_right",) if rough.right != 1.0 or len(centres) < 2 or not moved(centres, rough) else ()
     result = fit(data, (*_names(data), *sides), known)
-    if not 1 / SLIPPED < (more := result.values["steer_scale"]) < SLIPPED:
-        raise FieldLogError(
-            f"{angles[0].name}: a model with tyre slip requires {more:.2g} times the steering angle of a model without "
-            "slip, which is not plausible; check that [steer] is the wheel angle, that the columns of [steer] and "
-            "[yaw_rate] are not swapped, and that the wheel angle in bends exceeds the steering play"
-        )
+    left = result.values["steer_scale"]
+    for more in (left, left * result.values.get("steer_right", rough.right) / rough.right):
+        if not 1 / SLIPPED < more < SLIPPED:
+            raise FieldLogError(
+                f"{angles[0].name}: a model with tyre slip requires {more:.2g} times the steering angle of a model "
+                "without slip, which is not plausible; check that [steer] is the wheel angle, that the columns of "
+                "[steer] and [yaw_rate] are not swapped, and that the wheel angle in bends exceeds the steering play"
+            )
     for part in ("steer", "heading", "position", "speed"):
         if abs(age := result.values.get(f"{part}_delay_s", 0.0)) > AT_THE_EDGE * PARAMETERS[f"{part}_delay_s"].high:
             raise FieldLogError(
@@ -186,13 +222,11 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
                 f"the value in the column map; set {part}.delay_s closer to the true value and calibrate again"
             )
     slow, fast = slow_and_fast(cut.kept)
-    lead, lag_m = (each * (slow + fast) / 2 for each in (SLIP_LEAD * (log_map.speed.of == "wheel"), LAG_OF_TYRES_S))
     bends, gyro = _spread(angles) > BENDS_RAD, "yaw_rate" in data.channels
-    drive = _Drive(_wander(data), bends, fast < TWO_SPEEDS * slow, scrub(scenario), lead, gyro, lag_m)
+    wander = _wander(data, scenario.sensors.gnss.dual_antenna)
+    steady, mean = fast < TWO_SPEEDS * slow, (slow + fast) / 2
+    drive = _Drive(wander, bends, steady, scrub(scenario), gyro, mean, log_map.speed.of == "wheel")
     found = _found(result, rough, log_map, drive)
-    centres = tuple(
-        centre for half in split(cut.kept, 0.5) if (centre := centre_of(half, t.wheelbase_m, rough)) is not None
-    )
     return Calibration(found, log_map, cut._replace(kept=angles), rough, data, result, centres)
 
 
@@ -209,7 +243,13 @@ def _names(data: VehicleData) -> tuple[str, ...]:
     if _speed_explained([piece.recording for piece in data.pieces]) > SEEN_IN_SPEED:
         ages |= {"speed_delay_s": "position"}
     place = ("ahead_m", "left_m", "lean_s2") if "position" in channels else ()
-    return ("steer_offset", "steer_scale", *(age for age, needs in ages.items() if needs in channels), *place, *TYRES)
+    return (
+        "steer_offset",
+        "steer_scale",
+        *(age for age, needs in ages.items() if needs in channels),
+        *place,
+        *TYRES,
+    )
 
 
 def _speed_explained(recordings: Sequence[FieldRecording]) -> float:
@@ -276,7 +316,7 @@ def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -
     return known
 
 
-def _wander(data: VehicleData) -> float:
+def _wander(data: VehicleData, antennas: DualAntenna) -> float:
     """Return the half width of the interval for the mean drift of a dual-antenna heading [rad], or 0 without a heading.
 
     The mean drift cannot be distinguished from a mounting angle. Over T time constants, the variance of the mean of a
@@ -284,9 +324,8 @@ def _wander(data: VehicleData) -> float:
     """
     if "heading" not in data.channels:
         return 0.0
-    antennas = DualAntenna()
     T = data.windows * WINDOW_S / antennas.wander_time_s
-    return 2.0 * sqrt(2 / T * (1 - (1 - exp(-T)) / T)) * antennas.wander_sigma_m / antennas.baseline_m
+    return 1.96 * sqrt(2 / T * (1 - (1 - exp(-T)) / T)) * antennas.wander_sigma_m / antennas.baseline_m
 
 
 def _quantity(
@@ -308,14 +347,10 @@ def _quantity(
     half = hypot(half, slopes.get("heading_offset", 0.0) * drive.wander)
     if name != "offset" and drive.steady:
         half *= ONE_SPEED
-    if name == "delay_s":
-        of_heading = LAG_OF_GYRO_S if drive.gyro else LAG_OF_STEERING_S
-        lag = {"heading.delay_s": of_heading, "steer.delay_s": LAG_OF_STEERING_S}.get(key, LAG_OF_TYRES_S)
-        half = hypot(half, lag, drive.slip_lead if key == "speed.delay_s" else 0.0)
-    if name == "ahead_m":
-        half = hypot(half, drive.lag_m)
+    for lag in drive.lags(key):
+        middle, half = middle - lag.mean, hypot(half, lag.half)
     if name in ("scale", "scale_right"):
-        middle, half = middle / (1 - drive.scrub), hypot(half, MOST_SCRUB * middle * drive.scrub)
+        middle, half = middle / (1 - SCRUB * drive.scrub), hypot(half, SCRUB_HALF * middle * drive.scrub)
     told = half < SURE[name] and (drive.bends or name in ("offset", "scale", "scale_right"))
     return Quantity(middle, middle - half, middle + half, told)
 

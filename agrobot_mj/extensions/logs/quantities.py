@@ -75,7 +75,12 @@ def rounded(value: float, half: float) -> float:
     return round(value, 1 - floor(log10(half)))
 
 
-def half_width(covariance: Array, gradient: Array, freedom: int) -> float:
-    """Return the half width of the 95 % Student t interval for a function of the fitted parameters. `gradient` (n,)
-    contains the derivatives of the function."""
-    return float(stdtrit(max(freedom, 1), 0.5 + LEVEL / 2) * np.sqrt(gradient @ covariance @ gradient))
+def half_width(covariance: Array, gradient: Array, freedom: Array | float) -> float:
+    """Return the half width of the 95 % Student t interval for a function of the fitted parameters.
+
+    `gradient` (n,) contains the derivatives of the function. `freedom` is the number of degrees of freedom of the
+    variances, equal for all or (n,). Its mean is weighted by the contributions of the variances.
+    """
+    parts = gradient**2 * np.diag(covariance)
+    mean = float(np.sum(parts * freedom) / parts.sum()) if parts.any() else 1.0
+    return float(stdtrit(max(mean, 1.0), 0.5 + LEVEL / 2) * np.sqrt(gradient @ covariance @ gradient))

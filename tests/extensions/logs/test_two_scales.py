@@ -37,9 +37,9 @@ def test_steering_centre_and_both_scales_are_identified(left, right, positive):
     assert not found.found["steer.offset"].excludes(CENTRE)
     assert found.found["steer.offset"].half < 2.0, "13 counts of a wrong centre are told"
     assert not found.found["steer.scale"].excludes(left)
-    assert ("steer.scale_right" in found.found) == (left != right)
+    assert not found.found["steer.scale_right"].excludes(right)
+    assert found.two_scales == (left != right)
     if left != right:
-        assert not found.found["steer.scale_right"].excludes(right)
         assert "scale_right = " in map_lines(found)
         assert any("has two scales" in line for line in sentences(found, UTILITY.tractor))
 

@@ -62,7 +62,7 @@ class VehicleFit(NamedTuple):
     names: tuple[str, ...]
     value: Array  # Fitted values of the parameters `names` [SI, rad]
     covariance: Array
-    freedom: int  # Degrees of freedom of the Student t intervals: number of windows minus one
+    freedom: Array  # Degrees of freedom of the variances, for Student t intervals
 
     @property
     def errors(self) -> dict[str, float]:
@@ -191,11 +191,12 @@ def fit(data: VehicleData, names: Sequence[str], priors: Mapping[str, Prior] | N
     # parameters without information keep a very large variance
     information = np.einsum("wnp,wnq->pq", J, J) + np.diag(units.weight**2 + 1e-9)
     shift, scatter = _noisy_input(problem, x, units, information)
-    covariance = (_bootstrap(J, r, information, units.weight**2) + scatter) * np.outer(scale, scale)
+    covariance, freedom = _bootstrap(J, r, information, units.weight**2)
+    covariance = (covariance + scatter) * np.outer(scale, scale)
     if "backlash" in names:  # noise hides a play of the same size
         covariance[names.index("backlash"), names.index("backlash")] += data.steer_noise**2
     x = np.clip(x - shift * scale, units.low, units.high)
-    return VehicleFit(names, x, covariance, data.windows - 1)
+    return VehicleFit(names, x, covariance, freedom)
 
 
 def _minimum(problem: Problem, units: _Units, start: Array, ftol: float, evaluations: int = 60) -> OptimizeResult:
@@ -224,27 +225,34 @@ def _jacobian(problem: Problem, x: Array, units: _Units) -> Array:
     return np.stack(columns, axis=2)
 
 
-def _bootstrap(J: Array, r: Array, information: Array, known: Array) -> Array:
-    """Return the covariance of the scaled parameters by a block bootstrap in closed form.
+def _bootstrap(J: Array, r: Array, information: Array, known: Array) -> tuple[Array, Array]:
+    """Return the covariance of the scaled parameters by a block bootstrap in closed form, and the degrees of freedom of
+    the variances.
 
     The bootstrap resamples the residuals of complete windows, with all channels together. The covariance thus includes
-    correlations that the autoregression misses, and correlations between channels. The residuals of a window come from
-    a fit without this window, because a fit to few windows underestimates its own residuals. Let J_w be the Jacobian of
-    window w, and r_v the residuals of a random window v. The variance of sum_w J_w' r_v is sum_w mean_v (J_w' r_v)(J_w'
-    r_v)'. The inverse variances `known` of the priors are added. If neighbouring windows are correlated (slow errors of
-    two antennas), variances are increased by the autocorrelations up to `SLOW_S`, with Bartlett's window
-    [NeweyWest1987].
+    correlations that the autoregression misses, and correlations between channels. A fit to few windows underestimates
+    its own residuals. Therefore the residuals of each window are multiplied by (1 - H)^-1/2, where H is the leverage of
+    the window [MacKinnonWhite1985]. Let J_w be the Jacobian of window w, and r_v the residuals of a random window v.
+    The variance of sum_w J_w' r_v is sum_w mean_v (J_w' r_v)(J_w' r_v)'. The inverse variances `known` of the priors
+    are added. If neighbouring windows are correlated (slow errors of two antennas), variances are increased by the
+    autocorrelations up to `SLOW_S`, with Bartlett's window [NeweyWest1987]. The degrees of freedom follow from the
+    spread of the variances between the random windows v [Satterthwaite1946].
     """
-    left_out = np.stack([e + j @ np.linalg.solve(information - j.T @ j, j.T @ e) for j, e in zip(J, r, strict=True)])
-    g = np.einsum("wnp,vn->wvp", J, left_out)
     inverse = np.linalg.inv(information)
-    covariance = inverse @ (np.einsum("wvp,wvq->pq", g, g) / len(r) + np.diag(known)) @ inverse
-    said = np.einsum("wwp,pq->wq", g, inverse)
+    A = J @ np.linalg.cholesky(inverse)  # H = A A'
+    leverage, axes = np.linalg.eigh(np.einsum("wnp,wnq->wpq", A, A))
+    leverage = np.clip(leverage, 1e-9, 1 - 1e-9)
+    grown = np.einsum("wpq,wq,wrq,wnr,wn->wp", axes, ((1 - leverage) ** -0.5 - 1) / leverage, axes, A, r, optimize=True)
+    g = np.einsum("wnp,vn->wvp", J, r + np.einsum("wnp,wp->wn", A, grown)) @ inverse
+    covariance = np.einsum("wvp,wvq->pq", g, g) / len(r) + inverse @ np.diag(known) @ inverse
+    each = (g**2).sum(axis=0)
+    freedom = np.clip(2 * len(r) * each.mean(axis=0) ** 2 / each.var(axis=0, ddof=1), 1.0, len(r) ** 2)
+    said = np.einsum("wwp->wp", g)
     most = min(int(SLOW_S / WINDOW_S), len(r) // 3)
     alike = [(1 - k / (most + 1)) * (said[k:] * said[:-k]).sum(axis=0) for k in range(1, most + 1)]
     growth = np.sqrt(np.maximum(1.0, 1.0 + 2.0 * np.sum(alike, axis=0) / np.maximum((said**2).sum(axis=0), 1e-300)))
-    grown: Array = covariance * np.outer(growth, growth)
-    return grown
+    correlated: Array = covariance * np.outer(growth, growth)
+    return correlated, freedom
 
 
 def _noisy_input(problem: Problem, x: Array, units: _Units, information: Array) -> tuple[Array, Array]:

@@ -117,7 +117,7 @@ def identify_vehicle(
         again = fit(data._replace(chassis=other), names, dict.fromkeys(AGES, AGE)).values
         moved[change] = _ratio(result.values, again, "front"), _ratio(result.values, again, "rear")
     geometry = "small angles" if chassis.small_angles else "tangent"
-    return IdentifiedVehicle(found, result.freedom + 1, explained, left, slipless, moved, geometry, cut.notes, cut.kept)
+    return IdentifiedVehicle(found, data.windows, explained, left, slipless, moved, geometry, cut.notes, cut.kept)
 
 
 def told_apart(found: Found) -> bool:

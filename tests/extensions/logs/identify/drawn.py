@@ -42,8 +42,10 @@ class Drawn(NamedTuple):
     aside: float
     speed_from: str  # Source of the speed: receiver, wheel or radar
     wheel_age: float
-    front: float  # Stiffness of the front tyres divided by the stiffness in the machine file [-]
+    speed_error: float  # Relative error of wheel and radar speed [-]
+    front: float  # Compliance of the front tyres divided by the compliance in the machine file [-]
     rear: float
+    scrubs: bool  # Whether the tyres have a scrubbing moment
 
 
 def drawn(seed: int) -> Drawn:
@@ -69,8 +71,10 @@ def drawn(seed: int) -> Drawn:
         aside=rng.uniform(-0.4, 0.4),
         speed_from=str(rng.choice(["receiver", "wheel", "radar"])),
         wheel_age=TICK_S * int(rng.integers(7)),
-        front=rng.uniform(0.7, 1.4),
-        rear=rng.uniform(0.7, 1.4),
+        speed_error=rng.normal(0.0, 0.02),
+        front=rng.uniform(0.4, 1.6),
+        rear=rng.uniform(0.4, 1.6),
+        scrubs=bool(rng.integers(2)),
     )
 
 
@@ -121,9 +125,10 @@ def owned(seed: int, duration: float = 120.0, h: Drawn | None = None, again: int
 def _tyres(h: Drawn, scenario: Any) -> dict[str, float]:
     """Return overrides with the hidden stiffness of the tyres."""
     tyre = scenario.plant.tyre
-    return {
-        f"plant.tyre.{axle}.lateral.stiffness_per_load": getattr(h, axle)
-        * getattr(tyre, axle).lateral.stiffness_per_load
+    found = {} if h.scrubs else {"plant.tyre.patch_half_length_m": 0.0}
+    return found | {
+        f"plant.tyre.{axle}.lateral.stiffness_per_load": getattr(tyre, axle).lateral.stiffness_per_load
+        / getattr(h, axle)
         for axle in ("front", "rear")
     }
 
@@ -140,8 +145,8 @@ def _sensors(h: Drawn) -> dict[str, Any]:
         **_table("sensors.steering_pot", resolution_deg=h.left, noise_sigma_deg=h.noise_deg),
         **_table("sensors.steering_pot", centre_deg=h.side * h.left * (h.centre % 1), scale_right=h.left / h.right),
         **_table("sensors.gyro", enabled=h.gyro, bias_deg_s=0.1),
-        **_table("sensors.wheel_speed", enabled=True, scale_error=0.0),
-        **_table("sensors.radar_speed", enabled=True, scale_error=0.0, ground_sigma=0.0, sigma_m_s=0.02),
+        **_table("sensors.wheel_speed", enabled=True, scale_error=h.speed_error),
+        **_table("sensors.radar_speed", enabled=True, scale_error=h.speed_error, ground_sigma=0.0, sigma_m_s=0.02),
         **_table("sensors.gnss", rate_hz=h.position_hz, latency_s=h.position_age, velocity_sigma_m_s=0.02),
         **_table("sensors.gnss", sigma_m=0.01, correlated_fraction=0.64),
         **_table("sensors.gnss.dual_antenna", enabled=h.two_antennas, mounting_deg=h.mounting_deg),

@@ -109,7 +109,9 @@ def test_constant_speed_triples_all_intervals_except_steering_centre(cruising, m
 def test_latency_and_antenna_position_are_not_identified_on_a_straight():
     """The steering backlash hides half of the small corrections, or all of them if they are smaller."""
     found = calibrate([gyro_log(hidden(0), 0.1, swing=0.18)], None, BICYCLE)
-    assert {key for key, each in found.found.items() if each.identified} == {"steer.offset", "steer.scale"}
+    assert {key for key, each in found.found.items() if each.identified} == {
+        *("steer.offset", "steer.scale", "steer.scale_right")
+    }
     assert not found.found["steer.offset"].excludes(radians(0.9))
     assert any(line.startswith("Delays require bends") for line in sentences(found, BICYCLE.tractor))
     with pytest.raises(FieldLogError, match="the wheel angle in bends exceeds the steering play"):

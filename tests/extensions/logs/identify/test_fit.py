@@ -44,7 +44,7 @@ def test_errors_correlated_between_windows_widen_the_interval(rho):
     for k in range(1, n):
         slow[k] = rho * slow[k - 1] + sqrt(1 - rho**2) * rng.standard_normal()
     J, r = np.ones((n, samples, 1)), np.repeat(slow[:, None], samples, axis=1)
-    found = _bootstrap(J, r - r.mean(), np.array([[n * samples]], dtype=float), np.zeros(1))
+    found, _ = _bootstrap(J, r - r.mean(), np.array([[n * samples]], dtype=float), np.zeros(1))
     lags = np.arange(1, int(SLOW_S / WINDOW_S) + 1)
     wider = 1.0 + 2.0 * ((1 - lags / (lags[-1] + 1)) * rho**lags).sum()
     assert found[0, 0] * n / slow.var() == pytest.approx(wider, rel=0.2)
