@@ -246,7 +246,8 @@ def _bootstrap(J: Array, r: Array, information: Array, known: Array) -> tuple[Ar
     g = np.einsum("wnp,vn->wvp", J, r + np.einsum("wnp,wp->wn", A, grown)) @ inverse
     covariance = np.einsum("wvp,wvq->pq", g, g) / len(r) + inverse @ np.diag(known) @ inverse
     each = (g**2).sum(axis=0)
-    freedom = np.clip(2 * len(r) * each.mean(axis=0) ** 2 / each.var(axis=0, ddof=1), 1.0, len(r) ** 2)
+    spread = np.maximum(each.var(axis=0, ddof=1), 1e-300)
+    freedom = np.clip(2 * len(r) * each.mean(axis=0) ** 2 / spread, 1.0, len(r) ** 2)
     said = np.einsum("wwp->wp", g)
     most = min(int(SLOW_S / WINDOW_S), len(r) // 3)
     alike = [(1 - k / (most + 1)) * (said[k:] * said[:-k]).sum(axis=0) for k in range(1, most + 1)]
