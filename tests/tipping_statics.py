@@ -43,7 +43,7 @@ def tipping_deg(tractor, carcass, hold=True, share=0.45):
         aside = (on_rear * across - q * apart) / rear if carcass else 0.0
         rise = (on_rear * GRAVITY - load) / (2 * k)
         arm = body.body_z - body.pivot_z * body.body_x / L + rise * (1 - body.body_x / L)
-        lean = load / (k * T)
+        lean = load / (k * (T - aside))  # only the carcass of the loaded lower wheel is deflected
         held = net * yaw * body.pivot_z / L
         return load * (T / 2 - aside) + held - body.body_kg * arm * (across + down * lean)
 

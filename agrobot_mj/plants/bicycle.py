@@ -190,7 +190,7 @@ def planar_velocity(psi: float, u: float, v: float) -> tuple[float, float]:
     return u * cos(psi) - v * sin(psi), u * sin(psi) + v * cos(psi)  # [agrobots: kinematicmodeltractor2]
 
 
-class Rig(NamedTuple):
+class BicycleRig(NamedTuple):
     """Parameters and state of a bicycle model for the compiled loop; the arrays are modified in place.
 
     `state` = (x, y, yaw, v, gamma, delta, distance travelled, steering angle at the cylinder).
@@ -207,7 +207,7 @@ class Rig(NamedTuple):
 
 
 @kernel
-def run_steps(rig: Held[Rig], voltages: tuple[float, float], first: int, clear: bool) -> tuple[bool, bool]:
+def run_steps(rig: Held[BicycleRig], voltages: tuple[float, float], first: int, clear: bool) -> tuple[bool, bool]:
     """Advance the bicycle by the physics steps of a tick, starting with step `first`, and move the drawn tractor.
 
     The results are True, unless MuJoCo has reported an error, and `clear`.
@@ -228,7 +228,7 @@ def run_steps(rig: Held[Rig], voltages: tuple[float, float], first: int, clear: 
 
 
 @jit
-def look(rig: Held[Rig], t: float) -> tuple[Held[Truth], TractorMotion]:
+def look(rig: Held[BicycleRig], t: float) -> tuple[Held[Truth], TractorMotion]:
     """Return the true state at time `t` [s], and the motion of the tractor. The model has no roll, pitch and wheel
     slip."""
     p, state, valve, valve_memory, _, drive_memory, samples, _ = fetched(rig)
@@ -280,13 +280,14 @@ class BicyclePlant(RunningPlant):
             antenna=tractor.antenna,
             rear_radius=tractor.rear_wheel_radius_m,
         )
-        self.ground, self.ghost, self.conditions, self.braking = ground, Ghost(tractor), NOMINAL, 0.0
+        self.tractor, self.ground, self.ghost = tractor, ground, Ghost(tractor)
+        self.conditions, self.braking = NOMINAL, 0.0
         self.scene, self.clear, self.ticks, self.tick_s = self.ghost.scene, False, 0, clock.tick_s
         self.nominal_valve, self.valve_memory = valve_law(machine.valve, clock.dt)
         drive, self.drive_memory = drive_law(machine.driveline, clock.dt)
         self.state, self.samples = np.zeros(8), np.zeros((4, clock.steps))
         moved = self.state, self.nominal_valve, self.valve_memory, drive, self.drive_memory
-        self.parts = Rig(law, *moved, self.samples, self.ghost.shown)
+        self.parts = BicycleRig(law, *moved, self.samples, self.ghost.shown)
         self.rig = held(self.parts, as_it_is=True)
         self._compile((np.zeros((0, 6)), *poses_of(self.ghost.data)), run_steps, look)
         self._look()

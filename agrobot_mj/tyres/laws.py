@@ -285,7 +285,8 @@ def wheel_step(
     f_y = force.y + soil.edge
     held = lowered(patch, loaded / (tyres.radius[i] - patch.penetration))
     if tyres.load_follows:
-        bristle[3] = axial - adhering(softened, force, K) * z_y
+        # without the force of the carcass damper
+        bristle[3] = axial + force.y / spring + adhering(softened, force, K) * tau * (z_y - pushed)
         held = moved_aside(held, wheel.axle, bristle[3])
     add_wrench(
         wrench,

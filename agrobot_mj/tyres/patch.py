@@ -1,7 +1,8 @@
 """Functions common to all tyre laws: contact kinematics, relaxation, rolling resistance, and the wrench on the wheel.
 
 The height grid under a wheel gives a patch frame (ground normal n, forward f, left l), the penetration and the sliding
-velocities. The carcass is a bristle with the deflection z and the damping time tau in each direction,
+velocities. If the load follows the carcass, the wheel is first displaced by the lateral deflection. The carcass is a
+bristle with the deflection z and the damping time tau in each direction,
 
     dz/dt = v_slip - |v_x| z / sigma,        slip = (z + tau dz/dt) / sigma,
 

@@ -35,6 +35,7 @@ class Killed(Recording):
             os.kill(os.getpid(), signal.SIGKILL)
 
 import_module("agrobot_mj.simulation.run").REPORT_S = 1e9  # no earlier pieces on a busy machine
+import_module("agrobot_mj.simulation.stepping").SHORTEST = float("inf")  # single ticks
 run(load_scenario("straight_line", {"duration_s": 150, "plant.kind": "bicycle"}), (Killed(Path(sys.argv[1])),))
 """
 

@@ -249,6 +249,7 @@ def test_recording_shows_field_boundary_and_missed_areas(call, tmp_path):
     assert entities >= {"/world/areas/boundary", "/world/areas/missed", "/world/path"}
 
 
+@pytest.mark.usefixtures("single_ticks")
 def test_interrupted_field_run_resumes_with_identical_signals(tmp_path, monkeypatch):
     monkeypatch.setattr("agrobot_mj.extensions.fields.resume.user_cache_path", lambda _: tmp_path / "cache")
     keys = {"plant.kind": "bicycle", "duration_s": 6.0}

@@ -111,13 +111,15 @@ class Tractor:
         bend: bool = False,
         aside: Pair = (0.0, 0.0),
         dragged: float = 0.0,
+        inward: float = 0.0,
     ) -> Loads:
         """Return the wheel loads and the roll angle at lateral acceleration `a` and gravity `g_n` normal to the ground
         [m/s2]. `front_force` is the front side force F_f, and `shift` the load transfer to the rear axle [N]. `bend`
         adds the gyroscopic moments of the wheels.
 
         `aside` is the sum of load times lateral displacement of the contact patches, for each axle [N m]. `dragged` is
-        the lateral component D of the drag of steered front wheels [N].
+        the lateral component D of the drag of steered front wheels [N]. `inward` is the difference between the inward
+        displacements of the outer and the inner rear patch [m], which increases the roll angle.
         """
         p, b = self.p, self.parts
         L, T, k_f, k = p.wheelbase_m, p.track_m, p.front_wheel.stiffness, p.rear_wheel.stiffness
@@ -126,13 +128,13 @@ class Tractor:
         G = b.body_kg * (b.body_z + rise - (b.pivot_z + rise) * b.body_x / L)
         pivot = front_force - dragged - b.front_kg * a
         moment = b.body_kg * (b.body_z + rise) * a - pivot * (b.pivot_z + rise)
-        lean = (moment + J_r * a + aside[1]) / (k * T**2 / 2 - G * g_n)
+        lean = (moment + J_r * a + aside[1]) / (k * T * (T - inward) / 2 - G * g_n)
         front = p.mass_kg * g_n * p.cg_to_rear_axle / L - shift
         rear = p.mass_kg * g_n - front
         tips = b.pivot_z * front_force - (b.pivot_z - p.front_wheel_radius_m) * dragged
         tips += J_f * a + aside[0] - (b.pivot_z - b.front_z) * b.front_kg * a
         over = tips / (T - 2 * (b.pivot_z * (front - b.front_kg * g_n) + b.front_z * b.front_kg * g_n) / (k_f * T))
-        half = k * T * lean / 2
+        half = k * (T - inward) * lean / 2
         return Loads(np.array([front / 2 - over, front / 2 + over, rear / 2 - half, rear / 2 + half]), lean)
 
     def aside(self, loads: Array, forces: Array) -> Pair:
@@ -275,7 +277,8 @@ class Tractor:
             grade = radians(grade_deg)
             a, g_n = GRAVITY * sin(grade), GRAVITY * cos(grade)
             aside = self.aside(np.array([0.0, 0.0, 0.0, weight * g_n]), np.array([0.0, 0.0, 0.0, weight * a]))
-            return float(self.loads(a, g_n, self.p.mass_kg * a * share, aside=aside).wheels[2])
+            inward = aside[1] / (weight * g_n)
+            return float(self.loads(a, g_n, self.p.mass_kg * a * share, aside=aside, inward=inward).wheels[2])
 
         return float(brentq(upper_load, 1.0, 60.0))
 
