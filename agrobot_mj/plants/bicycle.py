@@ -35,7 +35,7 @@ from agrobot_mj.machine.hydraulics import (
 )
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants.base import Clock, Motion, RunningPlant, TractorMotion, copies, write
-from agrobot_mj.plants.mujoco.drawing import Ghost, Shown, poses_of, show
+from agrobot_mj.plants.mujoco.drawing import DrawnTractor, Ghost, poses_of, show
 from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.memory import AnyArray
 from agrobot_mj.tyres.linear import unlike_a_tyre
@@ -203,7 +203,7 @@ class BicycleRig(NamedTuple):
     drive: DriveLaw
     drive_memory: DriveMemory
     samples: Matrix  # Steering angle, pedal, and angles of both front wheels after each step, shape (4, n)
-    shown: Shown
+    shown: DrawnTractor
 
 
 @kernel

@@ -56,7 +56,7 @@ def poses_of(data: mujoco.MjData) -> tuple[Array, Array]:
     return data.xpos[1:], data.xquat[1:]
 
 
-class Shown(NamedTuple):
+class DrawnTractor(NamedTuple):
     """Inputs of `show`: model and data of a `Ghost`, and dimensions of its tractor."""
 
     model: int
@@ -69,7 +69,7 @@ class Shown(NamedTuple):
 
 
 @kernel
-def show(g: Shown, x: float, y: float, yaw: float, steer: float, travelled: float) -> int:
+def show(g: DrawnTractor, x: float, y: float, yaw: float, steer: float, travelled: float) -> int:
     """Compute the poses of all bodies for a position of the CG [m], yaw and steering angle [rad], and distance
     travelled [m]. Return 1 after an error, else 0."""
     back_x, back_y = from_heading(yaw, -g.behind, 0.0)
@@ -97,7 +97,7 @@ class Ghost:
         self.data = mujoco.MjData(self.model)
         joints = ("steer", "steer_fl", "steer_fr", "spin_fl", "spin_fr", "spin_rl", "spin_rr")
         self.data.qpos[:7] = 0.0
-        self.shown = Shown(
+        self.shown = DrawnTractor(
             model=self.model._address,
             data=self.data._address,
             qpos=self.data.qpos,
