@@ -26,7 +26,7 @@ from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.results import atomic
 from agrobot_mj.simulation.run import run
-from agrobot_mj.studies.pages.drive import enlarged, enlargement, implement_of, told
+from agrobot_mj.studies.pages.drive import enlarged, enlargement, implement_of, magnification_text
 from agrobot_mj.studies.style import COLOURS, STYLE, law_name
 from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.grid import heights
@@ -97,7 +97,7 @@ def draw_map(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
             axes.plot(*np.stack([track[some], drawn[some]]).transpose(2, 0, 1), color=colour, lw=0.6)
     (x_min, y_min), (x_max, y_max) = low - short, high + short
     axes.set(xlabel="east [m]", ylabel="north [m]", aspect="equal", xlim=(x_min, x_max), ylim=(y_min, y_max))
-    axes.set_title(told(times).removeprefix(", "))
+    axes.set_title(magnification_text(times).removeprefix(", "))
     axes.grid(visible=False)
 
 
