@@ -113,7 +113,10 @@ class Recording:
         self.sink.close()
 
     def fail(self, error: BaseException) -> None:
-        """Write the exception that ended the run, and close the recording. Delete the file of an interrupted run."""
+        """Write the exception that ended the run, and close the recording.
+
+        The file is deleted if the run is interrupted before the first rows are recorded.
+        """
         with suppress(Exception):  # `error` may be an error of a previous block
             self.wait()
         self._thread.shutdown()
@@ -121,7 +124,7 @@ class Recording:
             return
         tell(self.stream, broken(self.scenario, error, self.rows.filled * TICK_S))
         self.sink.close()
-        if self.path is not None and isinstance(error, KeyboardInterrupt):
+        if self.path is not None and isinstance(error, KeyboardInterrupt) and not self.rows.filled:
             self.path.unlink(missing_ok=True)
 
     def _lay_out(self, end_s: float, outcome: str = "") -> None:
