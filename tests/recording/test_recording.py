@@ -151,6 +151,22 @@ def test_recording_of_a_killed_run_contains_the_data_before_the_kill(tmp_path):
     assert "The run is active or was killed" in recorded.static("/info", "TextDocument:text")[0]
 
 
+@pytest.mark.parametrize("kept", [False, True])
+def test_interrupt_keeps_the_recording_if_rows_were_recorded(tmp_path, kept):
+    class Interrupting(Recording):
+        def advance(self, first):
+            if kept:
+                super().advance(first)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(
+            load_scenario("straight_line", {"duration_s": 2.0, "plant.kind": "bicycle"}),
+            (Interrupting(tmp_path / "run.rrd"),),
+        )
+    assert (tmp_path / "run.rrd").is_file() == kept
+
+
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
 @pytest.mark.parametrize("extra_bytes", [0, pytest.param(150_000, marks=pytest.mark.slow)])
 def test_kill_9_in_mid_run_leaves_the_signals_up_to_the_last_flush(tmp_path, extra_bytes):
