@@ -115,7 +115,7 @@ class Recording:
     def fail(self, error: BaseException) -> None:
         """Write the exception that ended the run, and close the recording.
 
-        The file is deleted if the run is interrupted before the first rows are recorded.
+        The file is deleted if the run is interrupted before its first row.
         """
         with suppress(Exception):  # `error` may be an error of a previous block
             self.wait()
