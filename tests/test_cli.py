@@ -293,7 +293,7 @@ def test_signal_to_the_process_aborts_the_run_and_its_files_are_kept(call, monke
     ids=["terminated", "while settling", "while recording"],
 )
 def test_signal_during_the_start_cancels_a_run_without_files(call, monkeypatch, number, kind, method):
-    """A tractor settles in some hundred ticks, of which only the first is simulated."""
+    """The run is interrupted in the first of several hundred ticks in which the tractor settles."""
     before, calls = getattr(kind, method), []
 
     def with_signal(*given):

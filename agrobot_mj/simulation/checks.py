@@ -158,8 +158,8 @@ def _shape(hint: Any, default: Any) -> str:
 
 
 STATE, SAMPLED_STATE = Numbers(Truth, but=("steer_samples", "pedal_samples", "knuckle_samples")), Numbers(Truth)
-"""Checks of the true state, without and with the samples within a tick. The second check runs only after invalid
-measurements."""
+"""Checks that the true state is finite: the first omits the samples of each physics step, the second includes them and
+runs only after invalid measurements."""
 CONDITIONS = Numbers(Conditions)
 
 

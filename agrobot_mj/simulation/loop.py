@@ -135,7 +135,7 @@ class Loop:
         parts: dict[str, Any] = {"guidance": self.guidance, "supervisor": self.supervisor, "estimator": s.estimator}
         parts |= {"sensors.sensors": self.suite, "steering": s.steering.loop}
         self.reporting = [(p, attrgetter(at)) for at, p in parts.items() if type(p).report is not Reporting.report]
-        """Stages that report log columns, each with a function that selects the state of this stage from `stages`."""
+        """Control components that report log columns, each with a function that selects its state from `stages`."""
         self.loops = Stage("the low-level loops", "steering.loop, speed", LowLevelLoops(s), Drive, method="drive")
 
     def _arm(self) -> tuple[float, float]:

@@ -122,8 +122,8 @@ def _described(logs: list[Path], map_file: Path | None) -> list[str]:
 
 
 def _folder(out: Path | None, parts: list[str], log: Path) -> Path | None:
-    """Return the folder for result files, or None if no files are written. Without `out`, identification of a run
-    writes to the run folder. Calibration and fits to other logs write no files."""
+    """Return the folder for result files, or None if no files are written. Without `out`, results of the identification
+    of a simulated run go to the folder of this run. Calibration and fits to other logs write no files."""
     if out is None and parts and "replay" not in parts:
         identified = "calibrate" not in parts and (log / "signals.parquet").is_file()
         return log if identified else None

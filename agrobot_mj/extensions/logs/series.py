@@ -33,8 +33,8 @@ LATE_S = 0.1
 """Maximum decrease of time between values in one segment [s]. Assumed value: values of two buses are not exactly in
 order."""
 RESTART_S = 60.0
-"""Time between two segments of a log if the time decreases between them [s]. Assumed value: longer than all gaps that
-are bridged."""
+"""Pause inserted between two segments of a log where the recorded time decreases [s]. Assumed value: longer than
+all gaps that are interpolated."""
 MOST_DECREASES = 0.02  # Maximum number of decreases of time divided by the number of rows [-]. Assumed value.
 LEAST_SPEED = 0.3  # Speed below which the course is undefined and the dynamics are not excited [m/s]
 

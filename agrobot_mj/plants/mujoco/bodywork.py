@@ -219,7 +219,7 @@ def _front(o: Outline, t: TractorParameters) -> Iterator[Panel]:
     yield _box("hood", (o.dash, o.nose), y, (o.low, edge), "blue")
     yield _box("hood_top", (o.dash, o.nose - 0.08 * long), 0.84 * y, (edge - 0.01, o.high), "blue")
     yield _box("grille", (o.nose - 0.01, o.nose + 0.012), 0.75 * y, (o.low + 0.1 * tall, edge - 0.06 * tall), "iron")
-    band, slots = (edge + -0.16 * tall, edge + -0.09 * tall), (o.low + 0.1 * tall, o.low + 0.5 * tall)
+    band, slots = (edge - 0.16 * tall, edge - 0.09 * tall), (o.low + 0.1 * tall, o.low + 0.5 * tall)
     yield _box("stripe", (o.dash + 0.06 * long, o.nose - 0.04 * long), y + 0.003, band, "rim")
     yield _box("vents", (o.dash + 0.45 * long, o.nose - 0.1 * long), y + 0.003, slots, "iron")
     lamp = min(0.045 * sqrt(t.wheelbase_m / 1.4), 0.3 * y)

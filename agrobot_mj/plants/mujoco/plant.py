@@ -101,7 +101,7 @@ class MujocoPlant(RunningPlant):
         place = before = start
         for _ in range(PLACINGS):
             truth, recent = self._settled(place)
-            if self.trouble() == "rolled_over" and place is not before:
+            if self._fallen and place is not before:
                 truth, recent = self._settled(before)  # near its tip-over angle it only rests if it turns on its tyres
                 break
             before = place
@@ -111,7 +111,7 @@ class MujocoPlant(RunningPlant):
             place = place._replace(x=place.x - off_x, y=place.y - off_y, yaw=place.yaw - turned)
         if self.settle_ticks:
             mass, wheels = float(self.model.body_subtreemass[CHASSIS]), self.wheels().reshape(6, 4).T
-            found = Settled(truth, recent, mass, wheels, (self.trouble() == "rolled_over"))
+            found = Settled(truth, recent, mass, wheels, self._fallen)
             if why := start_warning(found, recent.ticks * self.tick_s, self.machine, self.ground):
                 print(why, file=sys.stderr)
         return truth
@@ -159,7 +159,7 @@ class MujocoPlant(RunningPlant):
                     brake = 1.0
                 recent.add(self.motion)
                 rests = tick + 1 >= least and recent.greatest < REST_M_S
-                if rests or (self.trouble() == "rolled_over") or recent.gone:
+                if rests or self._fallen or recent.gone:
                     break
         finally:
             self.option.gravity[:] = gravity
@@ -266,3 +266,7 @@ class MujocoPlant(RunningPlant):
     def warnings(self) -> int:
         """Return the number of MuJoCo warnings since the reset."""
         return int(self.data.warning.number.sum())
+
+    @property
+    def _fallen(self) -> bool:
+        return self.trouble() == "rolled_over"

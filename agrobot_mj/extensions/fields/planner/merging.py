@@ -82,7 +82,7 @@ def _limits(points: Array, how: Rounding, clearance: float, deviation: float) ->
 
 
 class _Bend(NamedTuple):
-    """Bend at a corner: its maximum speed [m/s], and whether it keeps the limits of the deviation."""
+    """Maximum speed in the bend at a corner [m/s], and whether its deviation from the lap is allowed."""
 
     speed: float
     fits: bool

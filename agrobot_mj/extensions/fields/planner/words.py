@@ -101,7 +101,7 @@ def shortest_arcs(start: Pose, goal: Pose, radius: float) -> float:
 
 
 def _solutions(word: Word, goal: Pose, bends: Bends) -> Iterator[tuple[Piece, ...]]:
-    """Yield the connections of type `word` from the origin to the pose `goal`, as tuples of path segments."""
+    """Yield the paths with the sequence of bends `word` from the origin to the pose `goal`, as tuples of segments."""
     for guess in _arcs(word, goal, bends.reach):
         found = guess if isinf(bends.sharpness) else _refined(word, guess, goal, bends)
         if found is None or (word.middle == 0 and found[1] < 0):

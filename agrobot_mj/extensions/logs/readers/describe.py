@@ -28,7 +28,7 @@ PLACEHOLDERS = {
     "yaw_rate": {"column": "...", "unit": "deg/s"},
     "position": {"east": "...", "north": "..."},
 }
-"""Template of the column-map tables of a log with unknown columns; the user replaces `...` by names of columns."""
+"""Template of a column map for a log with unknown columns; the user replaces each `...` by a column name."""
 
 
 class Coverage(NamedTuple):
