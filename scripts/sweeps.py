@@ -50,7 +50,6 @@ class Study:
         parser.add_argument("part", nargs="*", help=f"{', '.join(parts)}; default: all")
         parser.add_argument("--jobs", type=int, default=1, help="processes")
         parser.add_argument("--only-draw", action="store_true", help="write pages and figures without new runs")
-        parser.add_argument("--full", action="store_true", help="full size of studies whose pages show a smaller size")
         parser.add_argument("--seeds", type=int, help="number of seeds of each sweep and of tasks, for a trial")
         parser.add_argument("--variant", action="append", help="run only this variant of each sweep, for a trial")
         parser.add_argument("--set", type=_pair, action="append", default=[], help="KEY=VALUE of all runs, a trial")
@@ -60,7 +59,7 @@ class Study:
         if unknown := set(given.part) - set(parts):
             parser.error(f"{', '.join(sorted(unknown))}: unknown part (known: {', '.join(parts)})")
         self.parts, self.jobs, self.seeds, self.trial = given.part or parts, given.jobs, given.seeds, dict(given.set)
-        self.only_draw, self.variants, self.full = given.only_draw, given.variant, given.full
+        self.only_draw, self.variants = given.only_draw, given.variant
         self.verb, self.pages = verb, [page(name, given.docs) for name in pages]
         self.images, self.runs = given.docs / "images", given.runs
 

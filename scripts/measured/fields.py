@@ -1,7 +1,5 @@
-"""Tables of docs/extensions/fields/field_studies.md: headland turns, and area effects of guidance errors on fields.
-
-By default, a study has the size stated on the page. With `--full`, it has the full size, which takes days on one core.
-"""
+"""Tables of docs/extensions/fields/field_studies.md: headland turns, area effects of guidance errors, and all machines
+and laws on four fields."""
 
 import json
 import os
@@ -12,6 +10,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,24 +24,30 @@ from sweeps import Blocks, Row, Study
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.extensions.fields.boom import Boom
-from agrobot_mj.extensions.fields.coverage import areas
+from agrobot_mj.extensions.fields.coverage import areas, excursion
 from agrobot_mj.extensions.fields.drive import driving_scenario, planning_scenario
 from agrobot_mj.extensions.fields.evaluation import FieldDrive
 from agrobot_mj.extensions.fields.field import Field
-from agrobot_mj.extensions.fields.plan import to_json
+from agrobot_mj.extensions.fields.plan import Plan, to_json
 from agrobot_mj.extensions.fields.planned import planned_coverage
 from agrobot_mj.extensions.fields.planner.area import inside_laps, whole_of
 from agrobot_mj.extensions.fields.planner.joins import depth_of_turn
 from agrobot_mj.extensions.fields.planner.planning import Options, make_plan
-from agrobot_mj.extensions.fields.planner.rig import rig_of
+from agrobot_mj.extensions.fields.planner.rig import FieldMachine, rig_of
 from agrobot_mj.extensions.fields.planner.swaths import SwathFrame
 from agrobot_mj.extensions.fields.reading import read_field
 from agrobot_mj.metrics import RunView
+from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.run import run
 
 Keys = tuple[tuple[str, Any], ...]  # Overrides of a scenario by dotted key
 LAWS, TURNS = ("lqr", "stanley", "kinematic"), ("omega", "bulb", "clothoid", "k")
+FIELD_LAWS = ("lqr", "stanley", "pure_pursuit")
+"""Laws of the table of fields. `kinematic` is stopped in the turns of all four fields."""
+WIDTHS_M = {"riding": 1.5, "robot": 2.0, "orchard": 2.5, "compact": 3.0, "utility": 4.0, "row_crop": 6.0}
+"""Working width of each machine in the table of machines [m]. Assumed values."""
+ALL_LAWS = ("lqr", "nmpc", "stanley", "pure_pursuit", "feedforward", "kinematic")
 VALVES: dict[str, Keys] = {
     "new": (),
     "worn": (("steering.valve.dead_band_v", 0.8),),
@@ -90,13 +95,13 @@ TURNS_SAID = (
     "Failed runs are not averaged."
 )
 FIELDS_SAID = (
-    "Each field is worked with passes of 3 m. The plan includes the implement, but neither the slope nor the other "
-    "conditions. Two fields are in the source package of Fields2Cover on PyPI, which the command downloads. The "
-    "columns *planned* are the overlaps and gaps of the plan itself, in corners and at oblique edges. The second "
-    "table is for the body of the fields. *Break-even* is the ratio of yield value to input cost per hectare above "
-    "which the additional planned overlap lowers the total cost. Published overlaps on farms are 3.3 % at "
-    "planting and 7 % at tillage without guidance (Iowa, 2011), and 5 % by hand and 2.5 % with guidance at mowing "
-    "(Wisconsin, 2011). Intervals have a confidence of 90 %. Failed runs are not averaged."
+    "The compact tractor works each field with passes of 3 m at 2 m/s. The plan includes the implement, but neither "
+    "the slope nor the other conditions. Two fields are in the source package of Fields2Cover on PyPI, which the "
+    "command downloads. The columns *planned* are the overlaps and gaps of the plan itself, in corners and at oblique "
+    "edges. The second table is for the body of the fields. *Break-even* is the ratio of yield value to input cost "
+    "per hectare above which the additional planned overlap lowers the total cost. Published overlaps on farms are "
+    "3.3 % at planting and 7 % at tillage without guidance (Iowa, 2011), and 5 % by hand and 2.5 % with guidance at "
+    "mowing (Wisconsin, 2011). Intervals have a confidence of 90 %. Failed runs are not averaged."
 )
 """Descriptions of the tables of headland turns and of fields."""
 
@@ -117,26 +122,38 @@ class Drive(NamedTuple):
 def driven(field: Field, drive: Drive, options: Options, keys: Keys) -> tuple[Log, FieldDrive]:
     """Plan a field without the overrides `keys`, simulate the plan with these overrides, and return the log and its
     evaluation."""
-    known = dict(drive.keys)
-    path = {"transition": "none" if options.turn == "omega" else "clothoid", "speed_m_s": 2.0}
-    base = planning_scenario(field.name, path, known)
-    rig = rig_of(base, drive.width)
-    plan = make_plan(field, rig, options)
+    base, rig, plan = planned(field, drive.width, drive.keys, options)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "field_plan.json"
         file.write_text(json.dumps(to_json(plan)), encoding="utf-8")
-        changes = {**known, **dict(keys), "guidance.kind": drive.law, "seed": drive.seed}
+        changes = {**dict(drive.keys), **dict(keys), "guidance.kind": drive.law, "seed": drive.seed}
         log = run(driving_scenario(field, plan, file, base, changes))
     whole = whole_of(field)
     return log, FieldDrive(RunView(log), plan, whole, inside_laps(whole, plan), rig, Boom(drive.width))
 
 
+@lru_cache(maxsize=8)
+def planned(field: Field, width: float, keys: Keys, options: Options) -> tuple[Scenario, FieldMachine, Plan]:
+    """Return the scenario for planning, the data of its machine, and the plan of a field."""
+    path = {"transition": "none" if options.turn == "omega" else "clothoid", "speed_m_s": 2.0}
+    base = planning_scenario(field.name, path, dict(keys))
+    rig = rig_of(base, width)
+    return base, rig, make_plan(field, rig, options)
+
+
 def turned(drive: Drive) -> Row:
-    """Simulate turns between parallel swaths. Return a row with the extent of the turns beyond the swaths."""
+    """Simulate turns between parallel swaths. Return a row with the extent of the turns beyond the swaths.
+
+    A row without a plan for the turns counts as failed.
+    """
     count, length = drive.size
     body = shapely.box(0, 0, length, count * drive.width)
     field, shape = Field("swaths", body), drive.place
-    log, drove = driven(field, drive, Options(0, shape, frame=SwathFrame(0.0), beyond=BEYOND_M), VALVES[drive.valve])  # type: ignore[arg-type]
+    options = Options(0, shape, frame=SwathFrame(0.0), beyond=BEYOND_M)  # type: ignore[arg-type]
+    try:
+        log, drove = driven(field, drive, options, VALVES[drive.valve])
+    except ScenarioError as error:
+        return {**drive._asdict(), "ends": "refused", "expected": False, "reason": str(error)}
     row = {**drive._asdict(), "ends": log.outcome, "expected": log.as_expected}
     if log.as_expected:
         turns, found = drove.turns(), areas(drove.coverage)["body"]
@@ -149,7 +166,7 @@ def turned(drive: Drive) -> Row:
 
 def headlands(study: Study) -> Blocks:
     """Return tables of headland turns: distance beyond the planned depth, and time and area per turn."""
-    size, seeds = ((9, 40.0), 10) if study.full else ((3, 12.0), 2)
+    size, seeds = (5, 30.0), 10
     cells = list(product(TURNS, VALVES, IMPLEMENTS, LAWS))
     jobs = [
         Drive(turn, valve, implement, law, seed, size, *IMPLEMENTS[implement])
@@ -198,7 +215,7 @@ def public_fields(folder: Path) -> dict[str, Path]:
 
 def worked(job: tuple[Drive, str, Keys]) -> Row:
     """Simulate the work on a scaled field. Return a row with the overlapped and missed area for each planned overlap
-    [%].
+    [%], and the maximum distance of the machine beyond the boundary [m].
 
     `job` contains the drive, the field file (may be empty), and overrides not used in the plan.
     """
@@ -217,6 +234,7 @@ def worked(job: tuple[Drive, str, Keys]) -> Row:
             [_shares(areas(each.coverage)[part]) for each in wide] for part in ("field", "body")
         )
         row["planned"] = _shares(areas(planned_coverage(drove.plan, drove.field, drove.body))["field"])
+        row["out"] = {name: found["largest_m"] for name, found in excursion(drove.outlines, drove.field).items()}
     return row
 
 
@@ -226,31 +244,31 @@ def _shares(part: dict[str, float]) -> tuple[float, float]:
 
 def guidance(study: Study) -> Blocks:
     """Return tables of overlapped and missed areas on four fields and in several conditions, by planned overlap."""
-    scale, seeds = (1.0, 10) if study.full else (0.35, 3)
-    files = dict.fromkeys(OWN, "") | {name: str(file) for name, file in public_fields(study.runs / "public").items()}
+    files, seeds = field_files(study), 10
     pairs = [(place, "reference") for place in files] + [("rectangle", each) for each in CONDITIONS]
+    cells = list(product(dict.fromkeys(pairs), FIELD_LAWS))
     jobs = [
         (
-            Drive(place, condition, "3 m", law, seed, (scale,), 3.0, known),
+            Drive(place, condition, "3 m", law, seed, (1.0,), 3.0, known),
             files[place],
             unknown + SLOPE * ("slope" in place),
         )
+        for (place, condition), law in cells
         for seed in range(1, seeds + 1)
-        for (place, condition), law in product(dict.fromkeys(pairs), LAWS)
         for known, unknown in (CONDITIONS[condition],)
     ]
     rows = study.done("coverage", worked, jobs)
     if not rows:
         return {}
     lines, curve = [], []
-    for (place, condition), law in product(dict.fromkeys(pairs), LAWS):
+    for (place, condition), law in cells:
         some = [row for row in rows if (row["place"], row["valve"], row["law"]) == (place, condition, law)]
         good = [row for row in some if row["expected"]]
         shares = [_mean([row["whole"][0][k] for row in good]) for k in range(2)]
         planned = [f"{good[0]['planned'][k]:.2f}" if good else "-" for k in range(2)]
         area, failed = f"{some[0]['area_m2'] / 1e4:.2f}", f"{len(some) - len(good)} of {len(some)}"
         lines.append((place, area, condition, f"`{law}`", shares[0], planned[0], shares[1], planned[1], failed))
-    for law in LAWS:
+    for law in FIELD_LAWS:
         good = [row for row in rows if row["expected"] and (row["law"], row["valve"]) == (law, "reference")]
         means = np.mean([row["body"] for row in good], axis=0) if good else ()
         for k, overlap in enumerate(OVERLAPS_M[: len(means)]):
@@ -262,13 +280,46 @@ def guidance(study: Study) -> Blocks:
     steps = ("law", "planned overlap [cm]", "overlapped [%]", "missed [%]", "break-even")
     lost = Counter(row["ends"] for row in rows if not row["expected"])
     ends = ", ".join(f"{count} {end}" for end, count in lost.items()) or "none"
-    said = f"{FIELDS_SAID} Fields at {scale:g} of their length, {seeds} seeds: {len(rows)} runs; failed: {ends}."
-    skipped = "" if len(files) > len(OWN) else " The public fields were not available."
+    said = f"{FIELDS_SAID} {seeds} seeds: {len(rows)} runs; failed: {ends}."
     return {
         "coverage": markdown_table(heads, lines, 4),
         "planned overlap": markdown_table(steps, curve, 1),
-        "coverage runs": said + skipped,
+        "coverage runs": said,
     }
+
+
+def field_files(study: Study) -> dict[str, str]:
+    """Return the names of the four fields with their files. The name is empty for own fields, and public fields are
+    missing if their package is not available."""
+    public = public_fields(study.runs / "public")
+    return dict.fromkeys(OWN, "") | {name: str(file) for name, file in public.items()}
+
+
+def machines(study: Study) -> Blocks:
+    """Return a table of all machines under all laws: maximum distance beyond the boundary on each field."""
+    files = field_files(study)
+    jobs = [
+        (
+            Drive(place, "reference", machine, law, 1, (1.0,), width, (("machine", machine),)),
+            files[place],
+            SLOPE * ("slope" in place),
+        )
+        for (machine, width), place, law in product(WIDTHS_M.items(), files, ALL_LAWS)
+    ]
+    rows = study.done("machines", worked, jobs)
+    lines = []
+    for (machine, width), law in product(WIDTHS_M.items(), ALL_LAWS if rows else ()):
+        some = [row for row in rows if (row["implement"], row["law"]) == (machine, law)]
+        lines.append((f"`{machine}`", f"{width:g}", f"`{law}`", *map(_inside, some)))
+    return {"machines": markdown_table(("machine", "width [m]", "law", *files), lines, 3)} if rows else {}
+
+
+def _inside(row: Row) -> str:
+    """Return a table cell with the distance of tractor and implement beyond the boundary [m], or the reason of a
+    failure."""
+    if row["expected"]:
+        return f"{row['out']['tractor']:.2f} / {row['out']['implement']:.2f}"
+    return str(row["reason"] or row["ends"]).partition(":")[0]
 
 
 def _beyond(rows: Sequence[Row]) -> str:
@@ -293,4 +344,4 @@ def _mean(values: Sequence[float]) -> str:
     return f"{np.mean(values):.2f} ± {(high - low) / 2:.2f}"
 
 
-PARTS = {"headlands": headlands, "coverage": guidance}
+PARTS = {"headlands": headlands, "coverage": guidance, "machines": machines}

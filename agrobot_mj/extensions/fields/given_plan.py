@@ -133,6 +133,7 @@ def _driven(leg: Leg, number: int, rig: FieldMachine) -> tuple[Pose, tuple[Piece
 
 def _joined(pose: Pose, begin: Pose, number: int, rig: FieldMachine) -> tuple[Piece, ...]:
     """Return the shortest connection from the end of a leg to the start of the next leg."""
-    if found := connections(pose, begin, rig.bends, (*FORWARD, *REVERSING)):
+    words = FORWARD if rig.drawn else (*FORWARD, *REVERSING)
+    if found := connections(pose, begin, rig.bends, words):
         return found[0]
     raise ValueError(f"leg {number}: the machine cannot reach this leg from the previous leg; add a turn")

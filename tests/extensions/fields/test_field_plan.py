@@ -152,6 +152,36 @@ def test_headland_lap_too_narrow_for_the_turn_radius_is_rejected():
         make_plan(RECTANGLE, machine(width=7.4), Options(headlands=3))
 
 
+def test_short_headland_lap_around_a_narrow_part_is_omitted_with_a_warning():
+    neck = Polygon(
+        [
+            (0, 0),
+            (60, 0),
+            (60, 16),
+            (80, 16),
+            (80, 6),
+            (96, 6),
+            (96, 26),
+            (80, 26),
+            (80, 24),
+            (60, 24),
+            (60, 40),
+            (0, 40),
+        ]
+    )
+    plan = make_plan(Field("neck", neck), machine(), Options(headlands=3, beyond=3.0))
+    assert any("lap 3 near" in warning and "omits this lap" in warning for warning in plan.warnings)
+    assert planned(plan, Field("neck", neck))["body"]["missed_percent"] < 0.05
+
+
+def test_plan_for_a_drawn_implement_has_no_reverse_segments():
+    assert (default_plan(HOLE).course.directions < 0).any()
+    rig = replace(machine(), drawn=True)
+    assert (make_plan(HOLE, rig, Options()).course.directions > 0).all()
+    with pytest.raises(ScenarioError, match="--turn k: a drawn implement"):
+        make_plan(HOLE, rig, Options(turn="k"))
+
+
 def test_turn_radius_below_the_minimum_of_the_machine_is_rejected():
     with pytest.raises(ScenarioError, match="--radius 1: the machine compact has a minimum radius of"):
         machine(turn_radius_m=1.0)

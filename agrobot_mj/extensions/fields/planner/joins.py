@@ -85,7 +85,7 @@ def _tiers(area: Area, start: Pose, goal: Pose, shape: Shape) -> Iterator[Iterat
     near = hypot(goal.x - start.x, goal.y - start.y) < NEAR * area.rig.bends.radius
     if opposite := abs(wrap(goal.yaw - start.yaw - pi)) < 1e-6:
         yield _turns(start, goal, shape, area.rig.bends)
-    others = _others(start, goal, area.rig.bends, opposite)
+    others = _others(start, goal, area.rig, opposite)
     if near:
         yield others
         yield _routes(area, start, goal)
@@ -93,12 +93,15 @@ def _tiers(area: Area, start: Pose, goal: Pose, shape: Shape) -> Iterator[Iterat
         yield chain(_routes(area, start, goal), others)
 
 
-def _others(start: Pose, goal: Pose, bends: Bends, opposite: bool) -> Iterator[Pieces]:
+def _others(start: Pose, goal: Pose, rig: FieldMachine, opposite: bool) -> Iterator[Pieces]:
     """Yield forward connections between two poses, also with larger radii for wide implements, and then connections
-    with a reverse segment."""
+    with a reverse segment, except for drawn implements."""
+    bends = rig.bends
     yield from connections(start, goal, bends)[:FORWARD_TRIED]
     for factor in GENTLE:
         yield from connections(start, goal, bends._replace(radius=factor * bends.radius))[:1]
+    if rig.drawn:
+        return
     if opposite:
         yield from _turns(start, goal, "k", bends)
     yield from connections(start, goal, bends, REVERSING)

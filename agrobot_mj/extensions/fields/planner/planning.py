@@ -32,6 +32,7 @@ TRIES = 6  # Maximum number of attempts with additional laps or a wider margin
 MARGIN_STEP_M = 0.02  # Amount added to an excess distance beyond the boundary to obtain the increase of the margin [m]
 CLOSE_M = 1e-3  # Distance below which two poses count as equal [m]
 GOALS_TRIED = 6  # Number of possible starts of the next pass, nearest first, to which connections are computed
+OMITTED = 2.0  # Length below which an undrivable lap is omitted [turning circles]. Assumed value.
 LEAST_AREA = 0.1  # Minimum area of a field body that gets swaths, divided by the square of the working width [-]
 
 
@@ -58,6 +59,7 @@ class _Work:
         self.pose = Pose(0.0, 0.0, 0.0)
         self.distance = 0.0
         self.crossings: list[tuple[Pose, float]] = []
+        self.omitted: list[str] = []  # Warnings about laps that are not driven
         self.layout: Pattern | None = None
 
     def go(self, pieces: tuple[Piece, ...]) -> None:
@@ -84,13 +86,18 @@ class _Work:
         return chosen
 
     def lap(self, ring: Ring) -> None:
-        """Append a headland lap. Raise `ScenarioError` if the machine cannot follow the lap."""
+        """Append a headland lap, unless it is shorter than `OMITTED` turning circles and the machine cannot follow it.
+        Raise `ScenarioError` if the machine cannot follow a longer lap."""
         if (course := lap(ring, self.rig)) is None:
             x, y = ring.points[0]
-            raise ScenarioError(
-                f"--headlands {self.options.headlands}: lap {ring.number + 1} near ({x:.0f}, {y:.0f}) m is too narrow "
-                f"for a turn radius of {self.rig.path.turn_radius_m:g} m; use fewer laps or a smaller --radius"
-            )
+            radius = self.rig.path.turn_radius_m
+            narrow = f"lap {ring.number + 1} near ({x:.0f}, {y:.0f}) m is too narrow for a turn radius of {radius:g} m"
+            if ring.line.length > OMITTED * 2 * pi * radius:
+                raise ScenarioError(
+                    f"--headlands {self.options.headlands}: {narrow}; use fewer laps or a smaller --radius"
+                )
+            self.omitted.append(f"{narrow}, so that the plan omits this lap")
+            return
         courses = [begun(course, distance) for distance in self._starts(course)]
         chosen = self.to([course.start for course in courses])
         behind, first = self.rig.behind, self.distance
@@ -154,7 +161,7 @@ class _Work:
             *(name, self.rig.width, self.rig.behind, self.start or self.pose, tuple(self.pieces), tuple(self.passes)),
             *(self.rig.path.cusp_pause_s, angle, headlands, margin, self.rig.overlap),
             ground=shapely.to_wkt(self.area.whole, rounding_precision=4),
-            warnings=(*notes, *self.leaving.warnings(), *crossing),
+            warnings=(*notes, *self.omitted, *self.leaving.warnings(), *crossing),
         )
 
 
@@ -171,6 +178,8 @@ def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
     If the number of laps is not given, laps are added until the turns stay inside the field. If the machine extends too
     far beyond the boundary on laps, a margin moves the outermost lap inwards.
     """
+    if rig.drawn and options.turn == "k":
+        raise ScenarioError("--turn k: a drawn implement jackknifes in reverse; use omega, bulb or clothoid")
     first = DEFAULT_HEADLANDS if options.headlands is None else options.headlands
     work = _work(field, rig, options, first)
     found, count, margin = work.leaving, first, 0.0

@@ -29,6 +29,7 @@ class FieldMachine:
     tightest: float  # Minimum turn radius of the CG [m]
     path: Swaths  # Path whose keys define the bends of the machine: radius, speed and steering rate
     overlap: float = 0.0  # Planned overlap between neighbouring passes [m]
+    drawn: bool = False  # Whether the implement has its own axle behind a pin, so that it jackknifes in reverse
 
     @property
     def spacing(self) -> float:
@@ -99,4 +100,5 @@ def outline_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldM
         tightest=tractor.tightest_radius,
         path=cast(Swaths, scenario.path),
         overlap=overlap,
+        drawn=scenario.implement.towed(tractor).length > 0.0,
     )
