@@ -73,7 +73,7 @@ def _polygons(points: Array, what: str) -> tuple[list[Polygon], str, list[str]]:
         kept = np.delete(kept, far)
     kept = _without_folds(points, kept, what, notes)
     if len(kept) < 3:
-        raise ValueError(f"the {what} has {len(kept)} points; at least 3 are required")
+        raise ValueError(f"the {what} needs at least 3 different points, got {len(kept)}; add its corners")
     simple = len(kept) > MOST_POINTS
     polygon = Polygon(_simplified(points[kept], what, notes) if simple else points[kept])
     if polygon.is_valid:

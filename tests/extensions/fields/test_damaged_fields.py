@@ -168,7 +168,7 @@ HOSTILE = {
         "position 3, (1, inf), is out of range",
     ),
     "not a number": (b"x,y\n0,0\n9,nan\n9,9\n", "row 3: y is nan; use a finite number"),
-    "two points": (b"x,y\n0,0\n9,9\n", "the boundary has 2 points; at least 3 are required"),
+    "two points": (b"x,y\n0,0\n9,9\n", "the boundary needs at least 3 different points, got 2"),
     "flat": (b"x,y\n0,0\n50,0\n99,0\n", "the boundary encloses 0 m2, less than 10"),
     "a line of task data": (b'<ISO11783_TaskData VersionMajor="4"/>', "the file contains no boundary; export one"),
     "point without a place": (
