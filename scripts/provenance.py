@@ -1,7 +1,8 @@
 """Provenance of measured results on the pages: version, commit, and digest of the code.
 
-A page states the provenance in blocks `<!-- standing -->` or `<!-- standing NAME -->`. The digest ignores comments and
-docstrings. `make reference` marks blocks that were measured with other code.
+A page states the provenance in blocks `<!-- standing -->` or `<!-- standing NAME -->`. The digest ignores comments,
+docstrings and `raise` statements, whose messages are often reworded. `make reference` marks blocks that were measured
+with other code.
 """
 
 import ast
@@ -79,9 +80,9 @@ def digest_of(files: Iterable[tuple[str, bytes]]) -> str:
 
 
 def _code(content: bytes) -> bytes:
-    """Return the content of a Python file without comments, docstrings and blank lines."""
+    """Return the content of a Python file without comments, docstrings, `raise` statements and blank lines."""
     lines = [line.split("  # ")[0] for line in content.decode("utf-8").split("\n")]
     for node in ast.walk(ast.parse(content)):
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+        if isinstance(node, ast.Raise) or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)):
             lines[node.lineno - 1 : node.end_lineno] = [""] * (node.end_lineno - node.lineno + 1)
     return "\n".join(line for line in lines if line.strip() and not line.lstrip().startswith("#")).encode()

@@ -92,18 +92,18 @@ def stamped(name: str, kinds: Sequence[str], most_bytes: int) -> Stamp:
     return stamp(name) or refuse(path, "the file no longer exists; create the file again")
 
 
-def absence(path: Path, fix: str = "") -> str:
+def absence(path: Path, fix: str = "specify an existing file") -> str:
     """Return the reason why a path is not a regular file, for example "no such file", followed by the text `fix`."""
     reason = "no such file"
     with suppress(OSError):  # as in `is_file`
         if path.exists():
-            reason, fix = "is a folder" if path.is_dir() else "is not a regular file", fix or "specify a file"
-    return f"{reason}; {fix}" if fix else reason
+            reason = "is a folder" if path.is_dir() else "is not a regular file"
+    return f"{reason}; {fix}"
 
 
 def folder_absence(path: Path) -> str:
     """Return the reason why a path is not a folder: the folder is missing, or the path is a file."""
-    return "is a file; specify its folder" if path.exists() else "no such folder"
+    return "is a file; specify its folder" if path.exists() else "no such folder; specify an existing folder"
 
 
 def checked(name: str, kinds: Sequence[str], most_bytes: int) -> Path:

@@ -52,8 +52,8 @@ def test_result_block_without_a_code_digest_is_rejected():
         checked("<!-- standing x -->\nMeasured with version 0.3.0.\n<!-- end of standing x -->\n")
 
 
-def test_docstrings_and_comments_do_not_change_the_code_digest():
-    bare = b"def f():\n    return 1\n"
-    noted = b'"""Head."""\n# Note.\ndef f():\n    """Doc.\n\n    More.\n    """\n    return 1  # Note.\n'
+def test_texts_and_raise_statements_do_not_change_the_code_digest():
+    bare = b"def f():\n    raise E('a')\n    return 1\n"
+    noted = b'"""Head."""\ndef f():\n    """Doc.\n    """\n    # Note.\n    raise E(\n"b")\n    return 1  # Note.\n'
     assert digest_of([("a.py", noted)]) == digest_of([("a.py", bare)])
     assert digest_of([("a.py", bare.replace(b"1", b"2"))]) != digest_of([("a.py", bare)])

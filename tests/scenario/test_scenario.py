@@ -112,7 +112,7 @@ def test_error_for_an_unknown_scenario_suggests_the_closest_name():
 
 @pytest.mark.parametrize("source", ["no/such/file", "nothing.toml"])
 def test_missing_scenario_file_is_reported_as_missing(source):
-    assert refused(source) == f"{source}: no such file"
+    assert refused(source) == f"{source}: no such file; specify an existing file"
 
 
 def test_folder_as_scenario_is_rejected(tmp_path):

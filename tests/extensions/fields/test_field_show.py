@@ -45,7 +45,7 @@ def test_field_show_prints_a_json_document_on_success_and_failure(call, file):
     status, out, err = call("field", "show", "nowhere.csv", "--json")
     document = json.loads(out)
     assert (status, document["command"], document["error"]) == (2, "field show", err.strip())
-    assert err == "nowhere.csv: no such file\n"
+    assert err == "nowhere.csv: no such file; specify an existing file\n"
 
 
 def test_field_command_without_a_subcommand_lists_the_subcommands(call):
