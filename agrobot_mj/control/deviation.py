@@ -189,7 +189,10 @@ def _sideslip(curvatures: Vector, length: float) -> float:
 
 
 def sideslip(route: Route, s: float, direction: float, leg: tuple[float, float], length: float) -> float:
-    """Return the sideslip [rad] of a CG at the arc length `s`, `length` ahead of the point without sideslip [m]."""
+    """Return the sideslip [rad] of a vehicle whose CG is at the arc length `s` [m].
+
+    The point of the vehicle without sideslip is `length` [m] behind the CG.
+    """
     return _sideslip(route.curvatures([_behind(s, direction * lag * length, leg) for lag in LOOKBACK]), length)
 
 

@@ -1,12 +1,12 @@
 """Stanley law: the front wheels are aligned with the path and, if the front axle is offset, turned towards it.
 
 Forward:  delta = delta_ff - (psi - psi_ref) - atan(k e_f / (u_0 + u)) - k_d (r - r_ref),  with the heading psi, speed u
-and yaw rate r. e_f is the offset of the front axle from its error-free position, measured across its error-free course.
-The feed-forward angle delta_ff = atan(L kappa_R), with the curvature kappa_R of the rear axle, has a preview of the
-steering lag. On an arc the CG (not the front axle) is on the path without steady-state error. The yaw-rate damping
-compensates the lag T of the steering: with k_d = T the course theta of the front axle satisfies T theta' = -theta - k
-e_f / u on a machine of any length. Without damping, large errors cause sustained oscillation if the valve is at its
-rate limit. Source: [Hoffmann2007].
+and yaw rate r. e_f is the lateral offset of the front axle from its position if the tractor followed the path exactly.
+The feed-forward angle delta_ff = atan(L kappa_R) uses the curvature kappa_R of the rear axle, previewed by the steering
+lag. On an arc the CG (not the front axle) is on the path without steady-state error. The yaw-rate damping compensates
+the lag T of the steering: with k_d = T the course theta of the front axle satisfies T theta' = -theta - k e_f / u on a
+machine of any length. Without damping, large errors cause sustained oscillation if the valve is at its rate limit.
+Source: [Hoffmann2007].
 
 In reverse the front axle trails and this feedback is unstable. The law then uses the rear axle:  delta = delta_ff + h
 (psi - psi_ref) - atan(k e_r / (u_0 + |u|)).  This law is stable for h > 0, k > 0: with l = L / h the error satisfies

@@ -49,7 +49,7 @@ class Identity(NamedTuple):
 
     @property
     def code(self) -> str:
-        """Text of the three parts that identify the code: plugins, program and libraries."""
+        """Digests of the plugins, the program and the libraries, joined by dashes."""
         return "-".join(self[2:])
 
 

@@ -111,7 +111,7 @@ class Fix(NamedTuple):
     vy: float
     """North velocity of the antenna [m/s]."""
     t: float = nan
-    """Time since the start at which the solution is valid [s], or NaN if the receiver does not report this time."""
+    """Time of validity of the solution since the start of the run [s], or NaN if the receiver does not report it."""
     z: float = nan
     """Height of the antenna [m], or NaN if the receiver does not report the height."""
     heading: float = nan

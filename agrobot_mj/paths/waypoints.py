@@ -145,7 +145,7 @@ def smooth(points: Array, smoothing: float, closed: bool) -> Course:
 
 
 def is_recorded(points: Array) -> bool:
-    """Return whether waypoints, shape (n, 2 or 3), are as many and as dense as the points of a recorded track."""
+    """Return whether waypoints, shape (n, 2 or 3), come from a recorded track: many points at small distances."""
     if len(points) < FEWEST_POINTS:
         return False
     return float(np.median(np.hypot(*np.diff(points[:, :2], axis=0).T))) < DENSE_M

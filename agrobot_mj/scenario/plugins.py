@@ -294,7 +294,9 @@ def _naming(source: str) -> Iterator[None]:
 
 def _run(path: Path) -> ModuleType:
     if not path.is_file() or path.suffix != ".py":
-        raise ScenarioError("the file is not a Python file (.py)" if path.exists() else "no such file; specify an existing file")
+        raise ScenarioError(
+            "the file is not a Python file (.py)" if path.exists() else "no such file; specify an existing file"
+        )
     # The name contains a digest of the content, because files of the same name may differ. Copies are the same module.
     name = f"agrobot_mj_plugin_{path.stem}_{digest(path.read_bytes())}"
     spec = cast(ModuleSpec, importlib.util.spec_from_file_location(name, path))

@@ -35,7 +35,7 @@ Assumed value: the load range of a tyre of one size and pressure."""
 
 
 class CurveLaw(NamedTuple):
-    """Coefficients of the Magic Formula in one direction, with the meaning of the keys of `Curve`."""
+    """Coefficients of the Magic Formula for longitudinal or lateral slip. `Curve` describes each coefficient."""
 
     mu: float
     mu_load: float

@@ -252,7 +252,7 @@ def test_state_held_by_reference_is_immutable_and_can_be_pickled():
 
 
 @compiled
-def test_stage_function_rejects_a_state_that_is_not_a_reference():
+def test_compiled_stage_rejects_a_state_that_is_not_from_held():
     with pytest.raises(TypeError, match=r"scaled: argument 1 must be a reference from held\(\), got Pair"):
         scaled(Pair(2.0, np.zeros(3)), 3.0)
 

@@ -231,7 +231,7 @@ def test_wheels_rotate_with_distance_and_worn_valve_reduces_oil_flow():
     assert worn.actuation()[0] == pytest.approx(0.5 * 3.2e-3 / 60 * (3.0 - 0.7), rel=1e-3)
 
 
-def test_nan_state_diverges_and_a_saved_state_continues():
+def test_restored_bicycle_repeats_its_motion_and_nan_state_diverges():
     plant, _ = driven((8.0, 8.0), 2.0)
     kept = plant.save()
     ahead = [plant.advance(Drive(5.0, 7.0)) for _ in range(10)][-1]

@@ -242,7 +242,7 @@ def test_antenna_on_the_implement_moves_with_the_implement():
 
 
 @pytest.mark.parametrize("estimator", ["ekf", "ekf_full"])
-def test_estimate_with_antenna_on_a_rigid_implement_is_of_the_rear_axle(estimator):
+def test_antenna_on_a_rigid_implement_gives_the_rear_axle_position(estimator):
     sensors = {f"sensors.{name}.enabled": True for name in ("gyro", "wheel_speed")}
     still = {"sensors.gnss.sigma_m": 0.001, "duration_s": 15.0, "estimator.kind": estimator, **sensors}
     lifted = {"implement.kind": "mounted", "implement.lowered": False, "implement.receiver": True}

@@ -60,7 +60,7 @@ def test_files_of_a_body_equal_the_dependencies_listed_by_mujoco(tmp_path):
     assert len(others) == 7
 
 
-def test_results_folder_contains_all_body_files_and_runs_elsewhere(tmp_path, call, monkeypatch):
+def test_moved_results_folder_with_body_files_can_be_run_again(tmp_path, call, monkeypatch):
     body = layered(tmp_path / "there" / "body")
     (tmp_path / "there" / "machine.toml").write_text('[tractor]\nmjcf = "body/mine.xml"\n', encoding="utf-8")
     text = 'machine = "machine.toml"\nduration_s = 0.3\n[path]\nkind = "line"\n'

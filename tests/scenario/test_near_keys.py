@@ -71,7 +71,7 @@ def test_scenario_file_in_the_working_folder_is_found_without_suffix(call, tmp_p
     assert load_scenario("circle").seed == 1  # a name of the library goes first
 
 
-def test_suggestion_of_a_key_of_another_terrain_names_its_kind():
+def test_suggested_key_of_another_terrain_kind_names_that_kind():
     assert "did you mean 'grade_deg' (kind = 'slope')? (" in told("terrain.angle_deg", "circle")
 
 

@@ -109,7 +109,7 @@ def test_law_with_side_effects_is_called_once_per_tick(law, most):
 
 
 @pytest.mark.parametrize("law", [{}, {"voltage_between": (3.02, 6.0)}, {"nan_at": 4.0}])
-def test_log_with_a_user_defined_law_is_equal_with_and_without_episodes(law):
+def test_log_with_a_user_defined_law_does_not_depend_on_episodes(law):
     single, episodes = (simulated(Counting(calls=[], **law), most) for most in (0, 200))
     assert ended(single) == ended(episodes)
 

@@ -103,7 +103,7 @@ def test_log_is_kept_in_memory_without_loss_when_the_disk_is_full(small, full_di
     assert log.signals.equals(run(load_scenario(*SCENARIO)).signals)
 
 
-def test_log_is_kept_in_memory_without_loss_above_a_file_size_limit(small, tmp_path, monkeypatch, capsys):
+def test_full_log_is_kept_in_memory_if_its_file_exceeds_a_size_limit(small, tmp_path, monkeypatch, capsys):
     def refused():
         raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
 

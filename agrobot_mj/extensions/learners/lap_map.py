@@ -170,8 +170,8 @@ class LapMap(Spec):
 
 
 def _met(state: LapState, k: int, error: float, correction: float | None) -> LapState:
-    """Return the state after a tick at location `k`. The sums of a location are stored when the tractor leaves the
-    location."""
+    """Return the state after a tick at location `k` of the path. The sums of a location (`Cell`) are stored when the
+    tractor leaves the location."""
     last, cell = state.cell
     if k != last:
         cells, here = state.cells.copy(), state.here.copy()

@@ -1,4 +1,4 @@
-"""Quantities that the driver can adjust: some apply as faults at once, others at the next start of the drive."""
+"""Quantities that the driver can adjust. Some take effect at once, as a fault; others from the next start."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple

@@ -64,7 +64,7 @@ def test_lateral_offset_of_20_cm_runs_over_one_crop_row_per_swath():
 
 
 @pytest.mark.parametrize(("offset", "wide"), [(0.1, 0.1), (0.2, 0.2), (0.3, 0.24)])
-def test_crop_rows_across_the_swaths_are_run_over_by_displaced_wheels(offset, wide):
+def test_displaced_wheels_run_over_crop_rows_across_the_swaths(offset, wide):
     fraction = SWATHS * 2 * wide / np.ptp(shapely.get_coordinates(BODY), axis=0).min()
     assert found(offset, 90.0)["run_over_percent"] == pytest.approx(100 * fraction, rel=0.002)
 

@@ -64,7 +64,8 @@ def test_help_of_the_field_command_describes_its_subcommands(call):
 def test_field_command_writes_nothing_for_an_invalid_file(call, file, tmp_path):
     (tmp_path / file).write_text("x,y\n0,0\n")
     status, out, err = call("field", "show", file, "--out", "found")
-    assert (status, out, err) == (2, "", "home.csv: the boundary needs at least 3 different points, got 1; add its corners\n")
+    need = "the boundary needs at least 3 different points, got 1; add its corners"
+    assert (status, out, err) == (2, "", f"home.csv: {need}\n")
     assert not (tmp_path / "found").exists()
 
 

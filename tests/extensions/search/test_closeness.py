@@ -78,7 +78,7 @@ def test_margin_of_a_combined_condition_follows_from_its_parts(log):
     assert Closeness("xte_abs_max > 0")(log) == pytest.approx(0.02 * (a + 1)), "without a size to compare with"
 
 
-def test_failure_margin_by_a_score_signal_is_its_magnitude(log):
+def test_closeness_by_a_score_signal_is_the_signal_magnitude(log):
     assert Closeness("xte_rms > 1", "yaw_rate")(log) == pytest.approx(np.abs(log.column("yaw_rate")))
 
 

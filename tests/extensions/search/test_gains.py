@@ -62,7 +62,7 @@ def test_figure_eight_scenario_keeps_the_published_gains(kind):
 
 
 @pytest.mark.parametrize("keys", [{"controller.kind": "pi"}, {"guidance.kind": "feedforward", "controller.kind": "pd"}])
-def test_laws_not_in_the_paper_use_tuned_gains_in_its_scenario(keys):
+def test_laws_not_in_the_paper_have_equal_gains_in_all_scenarios(keys):
     paper, other = load_scenario("figure_eight", keys), load_scenario("lane_change", keys)
     assert (paper.guidance, paper.controller) == (other.guidance, other.controller)
 

@@ -11,9 +11,9 @@ steady-state lateral speed v and yaw rate gamma at R follow from the slip angles
 
 A trailer has its pin at the distance b behind R, and its centre of mass and axle at the distances a and d behind the
 pin. The axle carries the lateral force m_i u gamma a / d. The slip angle of the trailer axle at this force determines
-the angle between trailer and tractor. The pin carries the rest of the lateral force, which acts on the tractor like a
-point mass at the pin. At walking pace the motion is purely geometric. The trailer axle then has the turning radius
-sqrt(R^2 + b^2 - d^2), where R is the turning radius of the rear axle.
+the angle between trailer and tractor. The pin carries the rest of the lateral force: the tractor turns as with a point
+mass m_i (1 - a / d) at the pin. At walking pace the motion is purely geometric. The trailer axle then has the turning
+radius sqrt(R^2 + b^2 - d^2), where R is the turning radius of the rear axle.
 
 The draught follows ASABE D497 at the current speed and depth. At constant speed, the pull at the hitch is the sum of
 all resistances of the implement.

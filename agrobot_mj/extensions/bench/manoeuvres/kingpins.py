@@ -4,13 +4,13 @@ The steering system has a cylinder, a valve section, and kingpins with offset, i
 the class of the tractor. The wheels are steered at 10 deg/s through the straight-ahead position, both parked and
 rolling at 1 m/s. The theoretical torque of the parked tractor is mu W sqrt(b^2 / 8 + e^2), with the friction mu, front
 axle load W, tyre width b and kingpin offset e. This rule of a manufacturer of steering units [Eaton2006] assumes
-blocked wheels. Here the wheels roll about their kingpins, so that e adds only rolling resistance. With a relief
-pressure below the parking pressure, the steering stalls at rest and works while the tractor rolls. Without scrubbing,
-the mean of the torques in both directions lifts the weight on inclined kingpins: W h sin(2 s) sin(delta) / 2. Here s is
-the inclination, r the loaded radius, and h = e + r tan(s) the distance from the kingpin to the wheel at its centre. In
-a steady bend, the caster angle c adds the torque (F_y + W phi) r sin(c). This torque is due to the side force F_y and
-to the lateral component of the weight on an axle with roll phi. Tilting wheels lower the weight, which reduces the
-torque by W r sin(c)^2 sin(2 delta) / 2.
+blocked wheels. Here the wheels roll about their kingpins, so that e adds only rolling resistance. If the relief
+pressure is too low to steer the parked tractor, the steering stalls at rest and works while the tractor rolls. Without
+scrubbing, the mean of the torques in both directions lifts the weight on inclined kingpins: W h sin(2 s) sin(delta) /
+2. Here s is the inclination, r the loaded radius, and h = e + r tan(s) the distance from the kingpin to the wheel at
+its centre. In a steady bend, the caster angle c adds the torque (F_y + W phi) r sin(c). This torque is due to the side
+force F_y and to the lateral component of the weight on an axle with roll phi. Tilting wheels lower the weight, which
+reduces the torque by W r sin(c)^2 sin(2 delta) / 2.
 """
 
 from collections.abc import Iterator

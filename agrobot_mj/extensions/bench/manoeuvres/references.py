@@ -1,6 +1,6 @@
 """Published reference values
 
-Results are compared with published numbers. Four loaded radii of tyres with given size codes are from a dealer in
+Results are compared with published numbers. Four loaded radii of tyres with given size codes come from a dealer of
 row-crop wheels [BWT2026]. For these tyres, the usual loads at 1.6 bar are assumed. The fifth radius is from a data
 sheet that gives load and pressure [Mitas2026]. A table for farmers [Arizona2026] gives the maximum efficiency of
 utility tractors with rear-wheel drive, and the slip at this efficiency. The efficiency is drawbar power divided by

@@ -1,13 +1,14 @@
 """Tyres and steering by the size of the machine
 
 Tractors of 0.7 to 9 t are scaled in proportion: lengths with the cube root of the mass, inertias with mass times length
-squared. Tyre and steering properties follow from load and size. All tractors must have the same crab angle across a
-slope. For any mass, sin(grade) = (w_f k_f + w_r k_r) alpha. Here k is the stiffness of an axle divided by its static
-load, and w the fraction of the weight on the axle. The mean slip angle alpha of the axles is weighted by stiffness. At
-the static load of a wheel, the peak force is mu times this load. The steering torque at standstill must follow the rule
-of steering manufacturers [Eaton2006], which is proportional to load times width. The wheels must reach their stops. A
-trailer has half the mass of the tractor, and tyres with the law of the rear tyres. The trailer must have the same crab
-angle as the tractor and stay in line with the tractor.
+squared. Tyre and steering properties follow from load and size. The manoeuvres check these requirements:
+
+- All tractors have the same crab angle alpha across a slope: sin(grade) = (w_f k_f + w_r k_r) alpha. k is the stiffness
+  of an axle divided by its static load, w the fraction of the weight on the axle.
+- At the static load of a wheel, the peak force is mu times this load.
+- The steering torque at standstill is proportional to load times tyre width, as steering manufacturers state
+  [Eaton2006]. The wheels reach their stops.
+- A trailer with half the mass of the tractor and the tyre law of the rear wheels stays in line with the tractor.
 """
 
 from collections.abc import Iterator

@@ -223,8 +223,8 @@ class Tractor:
         return Balance(loads, front_slip, rear_slip)
 
     def leaning(self, against: Array) -> float:
-        """Return the yaw moment with which the wheel resistances `against` [N] turn a rolled tractor out of the bend,
-        divided by the roll angle [N m/rad].
+        """Return the yaw moment out of the bend that the wheel resistances `against` [N] cause in a tractor with a roll
+        angle, divided by the roll angle [N m/rad].
 
         The rear wheels push at their contact patches, which are laterally offset from wheel centres and pivot. The open
         differential gives both wheels the same torque. The more compressed wheel, with its smaller rolling radius,

@@ -37,7 +37,8 @@ def falsify(
     jobs: int | None = None,
     done: Callable[[Combination], object] = lambda tried: None,
 ) -> Falsified:
-    """Search for the mildest combination of key values that fails. Write the result and all rows to `folder`."""
+    """Search for the mildest combination of values of scenario keys with which the run fails. Write the result and the
+    table of all runs to `folder`."""
     question.check(scenario)
     mild = scenario.changed(question.overrides(scenario, (0.0,) * len(question.varied)))
     check_tractors([mild, mild.changed({"seed": scenario.seed + max(question.seeds, CONFIRMED) - 1})])

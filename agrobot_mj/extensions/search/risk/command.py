@@ -145,8 +145,8 @@ def figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: st
 
 
 def _mean(splits: Sequence[Split]) -> tuple[Array, Array]:
-    """Return the levels that runs have exceeded, and the probability of exceeding each level, as mean of all
-    executions."""
+    """Return the exceeded levels of closeness to failure, and the probability of exceeding each level, averaged over
+    all splittings."""
     levels = np.unique([level for split in splits for level, _ in split.trace])
     mean = np.mean([_chances(split, levels) for split in splits], axis=0)
     return levels[mean > 0], mean[mean > 0]
