@@ -123,7 +123,9 @@ def write_report(folder: Path, metric: str | None = None) -> list[Path]:
     pages, sections = known_reports()
     found = next((name for name in pages if (folder / name).is_file()), None)
     if found is None:
-        raise ScenarioError(f"{folder}: the folder contains no results; if the command was interrupted, start it again")
+        raise ScenarioError(
+            f"{folder}: the folder contains no results; specify the folder of a run, or repeat an interrupted command"
+        )
     if isinstance(make := pages[found], str):
         raise ScenarioError(f"{folder}: {make}")
     if metric is not None and found not in sections:

@@ -98,7 +98,7 @@ def _reason(head: Head) -> str:
     if CONTROL.search(head.data.decode(errors="replace")):
         return "the file is binary, of an unknown format; record NMEA, or convert it to CSV"
     kinds = ", ".join(reader.kind for reader in READERS)
-    return f"the format is unknown (supported: {kinds}); export it as CSV in UTF-8 with a header line"
+    return f"the content matches no known format ({kinds}); export it as CSV in UTF-8 with a header line"
 
 
 def _head(path: Path) -> Head:

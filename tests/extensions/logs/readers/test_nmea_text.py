@@ -218,7 +218,7 @@ REASONS = {
     ),
     "GeoJSON": (b'{"type": "Point", "coordinates": [6.7, 52.3]}', "GeoJSON files contain no wheel angle and no speed"),
     "a field": (b"$Boundary\nFalse\n3\n1,2,0\n", "AgOpenGPS files contain no wheel angle and no speed"),
-    "JSON": (b'{"class": "TPV", "lat": 52.3, "lon": 6.7}\n' * 9, "the format is unknown"),
+    "JSON": (b'{"class": "TPV", "lat": 52.3, "lon": 6.7}\n' * 9, "the content matches no known format"),
     "a variometer": (
         b"$LXWP0,N,13.3,21.0,0.03,0.03,0.03,0.03,0.03,0.03,,,*6F\r\n",
         "contains no sentences with a time",
