@@ -16,6 +16,9 @@ from agrobot_mj.recording.transport import share, snapshot
 from agrobot_mj.recording.transport.share import write_shared
 
 
+PANELS = ("blueprint_panel", "selection_panel", "time_panel")
+
+
 def unpacked(page, name):
     """Return the content of a compressed part of a page."""
     return gzip.decompress(base64.b64decode(re.search(rf'id="{name}">([^<]*)<', page)[1]))
@@ -33,6 +36,19 @@ def test_shared_page_contains_recording_viewer_and_poster(eight, tmp_path):
     (image,) = re.findall(r'<img id="poster" alt="" src="data:image/png;base64,([^"]*)"', page)
     assert base64.b64decode(image) == poster.read_bytes()
     assert re.findall(r'<(?:script|link|img)[^>]*(?:src|href)="(?!data:)', page) == []
+
+
+def test_shared_page_opens_only_the_layout_before_the_recording(eight, tmp_path):
+    layout = tmp_path / "layout.rrd"
+    layout.write_bytes(share.layout(eight.path.read_bytes()))
+    command = (*share.RERUN, "rrd", "print", str(layout))
+    shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    entities = {line.split(" - ")[1] for line in shown.splitlines() if line.startswith("Chunk(")}
+    assert {name.split("/")[1] for name in entities} == {"viewport", "view", "container", *PANELS}
+    assert "BlueprintActivationCommand" in shown
+    page = write_shared(eight.path, tmp_path / "share.html", "run", "").read_text(encoding="utf-8")
+    assert unpacked(page, "layout") == layout.read_bytes()
+    assert page.index('part("layout")') < page.index('part("recording")')
 
 
 def test_error_for_a_missing_web_viewer_names_the_program(monkeypatch):

@@ -2,12 +2,16 @@
 
 The viewer comes from the installed rerun-sdk, whose server provides its files on the loopback interface. The viewer and
 the recording are compressed and embedded as text. Browsers older than 2023 cannot decompress them.
+
+The page opens the layout of the recording before the recording. If the first frame of a view contained the tractor, the
+viewer would replace the camera distance of the layout by a distance at which the tractor does not fit into the view.
 """
 
 import base64
 import errno
 import gzip
 import os
+import struct
 import subprocess
 import time
 import urllib.request
@@ -21,6 +25,10 @@ from agrobot_mj.simulation.results import write_text
 
 START_S = 60.0  # Time limit for the start of the viewer's server [s]
 LEVEL = 6
+HEADER, MESSAGE = 12, struct.Struct("<QQ")
+"""Size of the header of a recording [bytes], and header of a message: type, 0 at the end, and size [bytes]."""
+LAYOUT, NEAR = b"\x08\x02\x12", 64
+"""Start of the identifier of a layout in a message, and size of the start of a message that contains it [bytes]."""
 SCRIPT_NAME, MODULE_NAME = "re_viewer.js", "re_viewer_bg.wasm"  # Names of the files of the web viewer
 STYLE = """
 html, body { margin: 0; height: 100%; background: #0d1011; color: #cad8de; font: 15px/1.4 system-ui, sans-serif; }
@@ -36,6 +44,7 @@ canvas { position: absolute; inset: 0; width: 100%; height: 100%; visibility: hi
 .ready #poster, .ready #state { display: none; }
 """
 STARTING = """
+const FRAMES = 3;  // so that the viewer has drawn the layout
 const state = document.getElementById("state");
 async function part(id) {
   const response = await fetch("data:application/octet-stream;base64," + document.getElementById(id).textContent);
@@ -52,6 +61,8 @@ async function start() {
   state.textContent = "Loading the recording ...";
   await handle.start(document.getElementById("canvas"));
   handle.open_channel("run", document.title);
+  handle.send_rrd_to_channel("run", await part("layout"));
+  for (let k = 0; k < FRAMES; k++) await new Promise(requestAnimationFrame);
   handle.send_rrd_to_channel("run", await part("recording"));
   handle.close_channel("run");
   document.body.classList.add("ready");
@@ -76,7 +87,7 @@ def write_shared(recording: Path, page: Path, title: str, facts: str, poster: Pa
     if poster is not None:
         image = f'<img id="poster" alt="" src="data:image/png;base64,{_base64(poster.read_bytes())}">'
     script = files[SCRIPT_NAME].decode().replace("</script", "<\\/script")
-    parts = {"viewer": files[MODULE_NAME], "recording": content}
+    parts = {"viewer": files[MODULE_NAME], "layout": layout(content), "recording": content}
     packed = "".join(
         f'<script type="text/plain" id="{name}">{_base64(gzip.compress(data, LEVEL))}</script>\n'
         for name, data in parts.items()
@@ -89,6 +100,19 @@ def write_shared(recording: Path, page: Path, title: str, facts: str, poster: Pa
 {packed}<script>{script}</script><script>{STARTING}</script></body></html>
 """
     return write_text(page, text)
+
+
+def layout(recording: bytes) -> bytes:
+    """Return the part of a recording that contains only the layout of the viewer."""
+    found, start = [recording[:HEADER]], HEADER
+    while start + MESSAGE.size <= len(recording):
+        kind, size = MESSAGE.unpack_from(recording, start)
+        if not kind:
+            break
+        message = recording[start : (start := start + MESSAGE.size + size)]
+        if LAYOUT in message[MESSAGE.size : NEAR]:
+            found.append(message)
+    return b"".join(found)
 
 
 def _base64(data: bytes) -> str:
