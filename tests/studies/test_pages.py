@@ -210,8 +210,7 @@ def test_map_in_the_report_enlarges_only_cross_track_errors(yaw):
     np.testing.assert_allclose(np.stack(enlarged(signals, times), 1), track + (times - 1) * 0.1 * left, atol=1e-9)
     lost = {**signals, "x": signals["x"] + 20 * left[0], "y": signals["y"] + 20 * left[1]}
     assert enlargement([lost]) == enlargement([signals, lost]) == 1
-    assert f"errors x {times}<" in thumbnail(signals, times)
-    assert "errors" not in thumbnail(signals)
+    assert "<text" not in thumbnail(signals, times), "a text would cover the track of a straight path"
     title, chart = map_of({"one": signals})
     assert f"enlarged {times} times" in title
     assert f"enlarged {times} times" in str(chart["layout"])
@@ -234,6 +233,19 @@ def test_report_and_printed_figure_have_the_same_quartiles():
         [*drawn["q1"], *drawn["lowerfence"]],
         [*drawn["q3"], *drawn["upperfence"]],
     ]
+
+
+def test_box_plot_of_few_runs_shows_every_run_outside_the_box():
+    rows = [{"expected": True, "outcome": "completed", "xte_rms": k / 100} for k in range(6)]
+    few, many = (box(Group("lqr", rows[:count]), "#000000") for count in (5, 6))
+    assert (few["boxpoints"], many["boxpoints"]) == ("all", "outliers")
+    assert abs(few["pointpos"]) > 1 > abs(many["pointpos"])
+
+
+def test_heads_of_number_columns_are_right_aligned():
+    page = Document("", [])
+    page.table(("law", "runs", "median"), [("lqr", 2, 0.5), ("pd", 0, None)])
+    assert re.findall("<th[^>]*>", page.parts[-1]) == ["<th>", *2 * ['<th class="number">']]
 
 
 def test_empty_columns_are_omitted_from_the_report():

@@ -8,7 +8,7 @@ from typing import Any
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.extensions.search.importance.results import DESIGNS, importance, importance_rows, influence_text
 from agrobot_mj.extensions.search.importance.shares import Influence
-from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, SHADE, Chart, Document, error_bars, layout
+from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, INK, SHADE, Chart, Document, error_bars, layout
 from agrobot_mj.studies.pages.ranking import METRIC
 from agrobot_mj.studies.pages.report import Reports
 from agrobot_mj.studies.results_io import code_of
@@ -22,8 +22,9 @@ def limit_page(folder: Path) -> Document:
     page = Document(f"Limits along {found['key']}", facts)
     page.section("Answer")
     for law in found["laws"]:
-        page.text(law["statement"])
-    page.section("Success", f"Bars: {100 * found['confidence']:g} % interval. Grey: interval of the limit.")
+        page.text(f"{law['statement']}.")
+    shown = f"Bars: {100 * found['confidence']:g} % interval. Grey: interval of the limit. Dashed: required rate."
+    page.section("Success", shown)
     page.grid([(law["law"], _success(law, found)) for law in found["laws"]])
     page.section("All evaluated values")
     head = ("law", found["key"], "runs", "failed", "outcomes")
@@ -45,11 +46,12 @@ def _success(law: dict[str, Any], found: dict[str, Any]) -> Chart:
     rates = [100 * (1 - t["failed"] / t["runs"]) for t in tried]
     bars = error_bars(rates, [(100 * t["low"], 100 * t["high"]) for t in tried])
     curve = {"type": "scatter", "mode": "lines+markers", "x": [t["value"] for t in tried], "y": rates, "error_y": bars}
-    shapes: list[dict[str, Any]] = []
+    required = {"y0": 100 * found["reliability"], "y1": 100 * found["reliability"], "xref": "paper", "x0": 0, "x1": 1}
+    shapes: list[dict[str, Any]] = [{"type": "line", **required, "line": {"color": INK, "width": 1, "dash": "dash"}}]
     if law["interval"]:
         low, high = law["interval"]
-        shapes = [{"type": "rect", "x0": low, "x1": high, "y0": 0, "y1": 1, "yref": "paper", "fillcolor": SHADE}]
-        shapes[0] |= {"layer": "below", "line": {"width": 0}}
+        limits = {"type": "rect", "x0": low, "x1": high, "y0": 0, "y1": 1, "yref": "paper", "fillcolor": SHADE}
+        shapes.append({**limits, "layer": "below", "line": {"width": 0}})
     own = layout(found["key"], "successful runs [%]", shapes=shapes, yaxis={"range": [-5, 105]})
     return {"data": [{**curve, "line": {"color": COLOURS[0]}}], "layout": own}
 

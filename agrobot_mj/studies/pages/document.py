@@ -52,6 +52,7 @@ p { max-width: 75ch; margin: 0.4rem 0; }
   linear-gradient(270deg, var(--soft), transparent 0.7rem) no-repeat scroll; }
 table { border-collapse: collapse; font-size: 0.9rem; }
 th, td { padding: 0.25rem 0.7rem; border-bottom: 1px solid var(--line); text-align: left; white-space: nowrap; }
+th { white-space: normal; vertical-align: bottom; }
 td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
 pre { background: var(--pale); padding: 0.7rem; font-size: 0.8rem; white-space: pre-wrap; overflow-wrap: anywhere; }
 pre span { display: inline-block; max-width: 100%; }
@@ -115,10 +116,13 @@ class Document:
         self.parts.append(f'<div class="grid">{"".join(self._card(*chart) for chart in charts)}</div>')
 
     def table(self, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-        """Add a table, omitting empty columns. Numbers are right-aligned."""
+        """Add a table, omitting empty columns. Numbers and the heads of columns of numbers are right-aligned."""
         columns = [cells for cells in zip(head, *rows, strict=True) if set(cells[1:]) != {""}]
-        lines = zip("h" + "d" * (len(columns[0]) - 1), zip(*columns, strict=True), strict=True)
-        inner = "".join(f"<tr>{''.join(_cell(f't{tag}', value) for value in line)}</tr>" for tag, line in lines)
+        marked = [
+            [_cell("th", name, all(map(_is_number, cells))), *(_cell("td", cell, _is_number(cell)) for cell in cells)]
+            for name, *cells in columns
+        ]
+        inner = "".join(f"<tr>{''.join(line)}</tr>" for line in zip(*marked, strict=True))
         self.parts.append(f'<div class="scroll"><table>{inner}</table></div>')
 
     def code(self, title: str, text: str) -> None:
@@ -196,10 +200,14 @@ def finite(value: Any) -> Any:
     return value
 
 
-def _cell(tag: str, value: object) -> str:
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float | None) and not isinstance(value, bool)
+
+
+def _cell(tag: str, value: object, right: bool) -> str:
     digits = ".0f" if isinstance(value, float) and abs(value) >= 1000 else ".3g"
     text = "-" if value is None else f"{value:{digits}}" if isinstance(value, float) else str(value)
-    number = ' class="number"' if isinstance(value, int | float | None) and not isinstance(value, bool) else ""
+    number = ' class="number"' if right else ""
     return f"<{tag}{number}>{escape(text).replace('_', '_<wbr>')}</{tag}>"
 
 

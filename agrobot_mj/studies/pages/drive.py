@@ -241,6 +241,4 @@ def thumbnail(signals: Signals, times: int = 1) -> str:
 
     box = f"-5 -5 {max(width, 1) + 10:.0f} {max(height, 1) + 10:.0f}"
     lines = trace(x, y, "currentColor", 1) + trace(*track, COLOURS[1], 1.5)
-    if times > 1:
-        lines += f'<text x="0" y="6" font-size="8" fill="currentColor">errors x {times}</text>'
     return f'<svg viewBox="{box}" role="img" aria-label="track">{lines}</svg>'

@@ -22,7 +22,9 @@ QUANTILES = ("median", "10 %", "90 %")  # Names of the columns with quantiles of
 MEDIANS = {ESTIMATOR: "estimator [cm]", GUIDANCE: "guidance [cm]", "xte_abs_p95": "xte 95 % [cm]"}
 MEDIANS |= {"lateral_rms": "lateral rms [cm]"}
 """Titles of the columns with medians of further errors, by metric. Components of the cross-track error are first."""
-FEW = 5  # Maximum number of runs for which a box plot also shows every run as a point
+FEW, ABOVE = 5, -1.6
+"""Maximum number of runs for which a box plot also shows every run as a point, and position of these points relative to
+the centre of the box, in half heights of the box and downwards."""
 Row = Mapping[str, Any]
 
 
@@ -62,7 +64,7 @@ def add_ranking(page: Document, groups: Sequence[Group], title: str, text: str, 
     """Add a table of the groups of runs, remarks, and box plots of the errors in the given colours to a page."""
     rule = "A run succeeds if it ends as the scenario expects. Errors refer to successful runs that completed."
     page.section(title, f"{rule} {text}" if text else rule)
-    head = ("group", "runs", "success [%]", f"{CONFIDENCE:.0%} interval", *(f"{q} [cm]" for q in QUANTILES))
+    head = ("group", "runs", "success [%]", f"{100 * CONFIDENCE:.0f} % interval", *(f"{q} [cm]" for q in QUANTILES))
     page.table((*head, *MEDIANS.values(), "NEES", "failed"), [_line(group) for group in groups])
     page.remarks(remarks({group.name: group.rows for group in groups}))
     if boxes := [box(group, colours[k % len(colours)]) for k, group in enumerate(groups) if len(group.values)]:
@@ -75,13 +77,14 @@ def box(group: Group, colour: str) -> Chart:
     names = {"q1": "q1", "med": "median", "q3": "q3", "whislo": "lowerfence", "whishi": "upperfence"}
     drawn = {theirs: [float(found[ours])] for ours, theirs in names.items()}
     common = {"type": "box", "orientation": "h", "name": group.name, "showlegend": False}
+    every = len(group.values) <= FEW
     points = {
         "x": [group.values.tolist()],
         "y": [group.name.replace(", ", ",<br>")],
-        "boxpoints": "all" if len(group.values) <= FEW else "outliers",
-        "pointpos": 0,
+        "boxpoints": "all" if every else "outliers",
+        "pointpos": ABOVE if every else 0,
     }
-    return common | drawn | points | {"marker": {"color": colour, "size": 3}}
+    return common | drawn | points | {"marker": {"color": colour, "size": 5}}
 
 
 def _line(group: Group) -> tuple[object, ...]:

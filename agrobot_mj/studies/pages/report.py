@@ -65,7 +65,8 @@ def ranking(groups: list[Group]) -> Figure:
     if shown := {k: group.values for k, group in enumerate(groups) if len(group.values)}:
         right.boxplot(list(shown.values()), positions=list(shown), orientation="horizontal", sym=".")
     left.set_yticks(places, [group.name for group in groups])
-    left.set(xlabel=f"successful runs, {CONFIDENCE:.0%} interval [%]", xlim=(-3, 103), ylim=(len(groups) - 0.5, -0.5))
+    left.set_xlabel(f"successful runs, {100 * CONFIDENCE:.0f} % interval [%]")
+    left.set(xlim=(-3, 103), ylim=(len(groups) - 0.5, -0.5))
     right.set_xlabel(LABEL)
     return figure
 

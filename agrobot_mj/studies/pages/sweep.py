@@ -141,7 +141,7 @@ def _add_maps(page: Document, groups: Sequence[Group], numeric: Sequence[str], a
     ]
     if charts:
         text = f"Median {LABEL} of the successful runs; blank cells have none. Crosses mark failed runs."
-        text += f" Black line: the boundary at which {SUCCESS:.0%} of runs succeed."
+        text += f" Black line: the boundary at which {100 * SUCCESS:.0f} % of runs succeed."
         page.section("Maps", text + " Click to show the command of a run.")
         page.grid(charts[:MOST_MAPS])
 

@@ -14,6 +14,7 @@ from agrobot_mj.studies.sweep import SweepOptions, sweep
 pytest.importorskip("plotly", reason="plotly is not installed: pip install 'agrobot-mj[report]'")
 LIMIT = {
     "key": "path.radius_m", "until": "xte_rms > 1", "scenario": "circle", "version": "1", "confidence": 0.8,
+    "reliability": 0.7,
     "laws": [{"law": "lqr", "statement": "a < b", "interval": [1, 2], "tried": [
         {"value": 17.8125, "runs": 7, "failed": 0, "low": 0.8, "high": 1.0, "outcomes": {"completed": 7}}]}],
 }  # fmt: skip
@@ -39,7 +40,12 @@ def test_report_of_a_limit_search_contains_the_evaluated_values(tmp_path):
     write_report(tmp_path)
     check_page(tmp_path)
     assert "<td>17.8125</td>" in page_of(tmp_path)
-    assert "a &lt; b" in page_of(tmp_path)
+    assert "a &lt; b.</p>" in page_of(tmp_path)
+    (chart,) = charts_of(tmp_path).values()
+    assert [(each["type"], each["y0"], each["y1"]) for each in chart["layout"]["shapes"]] == [
+        ("line", 70, 70),
+        ("rect", 0, 1),
+    ]
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{}", "null", "3", "[" * 3000, '{"laws": 3}', "[3]"])

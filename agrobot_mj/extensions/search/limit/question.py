@@ -160,8 +160,7 @@ def as_value(scenario: Scenario, key: str, value: float) -> float:
 
 def answer(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
     """Return the result of a limit search, and the restrictions under which the result is valid. `tried` contains the
-    evaluated values, ordered from
-    the start of the range."""
+    evaluated values, ordered from the start of the range."""
     found = _verdict(name, q, tried)
     parts = [found.statement, *_coverage(tried), *_caveats(q, tried)]
     if unexpected := [f"{t.ends} at {t.value:g}" for t in tried if t.unexpected]:
