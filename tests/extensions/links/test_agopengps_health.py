@@ -242,7 +242,7 @@ def test_slow_or_lossy_link_to_the_host_is_reported():
     (slow,) = health(well | {"real_time_factor": 0.42})
     assert slow.startswith("the run was slow (0.42 x real time)")
     (deaf,) = health(well | {"answered_fraction": 0.61})
-    assert deaf.startswith("the host answered only 61% of the positions")
+    assert deaf.startswith("the host answered only 61 % of the positions")
     assert deaf.endswith("or use --pace 0.5")
     assert health(well | {"pace": 0.5, "real_time_factor": 0.5}) == []
     assert health({"answered_fraction": None, "latched_s": 0.0}) == []
@@ -259,7 +259,7 @@ class Deaf(Direct):
 def test_fraction_of_positions_answered_by_the_host_is_a_metric():
     done, said = driven(Deaf(guide()), 9.0)
     assert done.log.metrics["link"]["answered_fraction"] == pytest.approx(1 / 3, abs=0.03)
-    assert said[-1].startswith("the host answered only 33% of the positions")
+    assert said[-1].startswith("the host answered only 33 % of the positions")
     done, _ = driven(Direct(guide()), 3.0)
     assert done.log.metrics["link"]["answered_fraction"] == 1.0
 
@@ -320,7 +320,7 @@ def test_check_reports_rate_wheelbase_antenna_and_missing_signals():
     used = scenario(20.0, path__start_offset_m=1.0, tractor__wheelbase_m=1.7, **PLACE)
     log = run_link(used, Direct(guide()), LinkOptions()).log
     rate, latency, wheelbase, _, antenna, *missing = check_lines(used, log, log.metrics["link"])
-    assert "100% of the positions were answered" in rate
+    assert "100 % of the positions were answered" in rate
     assert latency.startswith("latency: median")
     found = float(wheelbase.partition("; ")[2].split()[0])
     assert wheelbase.startswith("wheelbase: 1.7 m; ")

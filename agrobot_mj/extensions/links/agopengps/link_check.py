@@ -25,7 +25,7 @@ def check_lines(scenario: Scenario, log: Log, block: dict[str, Any]) -> Iterator
     """Yield the results of a connection check as lines of text. `block` contains the metrics of the link."""
     answered, rate = block["answered_fraction"], block["steer_messages_hz"]
     if answered is not None and rate is not None:
-        yield f"rate: {rate:.1f} steering messages per second; {answered:.0%} of the positions were answered"
+        yield f"rate: {rate:.1f} steering messages per second; {100 * answered:.0f} % of the positions were answered"
         yield f"latency: median {block['latency_ms_median']:.1f} ms, 95 % below {block['latency_ms_p95']:.1f} ms"
     yield _wheelbase(scenario, log)
     t = scenario.tractor

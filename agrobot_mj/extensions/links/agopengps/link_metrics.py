@@ -84,7 +84,7 @@ def health(block: dict[str, Any]) -> list[str]:
         found.append(f"the run was slow ({pace:.2f} x real time), so the host receives positions at long intervals")
     if (share := block["answered_fraction"]) is not None and share < LEAST_ANSWERED:
         found.append(
-            f"the host answered only {share:.0%} of the positions; check the load of its computer, or use "
+            f"the host answered only {100 * share:.0f} % of the positions; check the load of its computer, or use "
             f"--pace {asked / 2:g}"
         )
     if block["latched_s"]:

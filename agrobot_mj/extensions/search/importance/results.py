@@ -63,12 +63,12 @@ def influence_text(each: Influence, metric: str, group: str) -> str:
     noise = (
         "one seed does not identify the variation between seeds"
         if each.noise is None
-        else f"variation between seeds causes {each.noise:.0%} of the variance"
+        else f"variation between seeds causes {100 * each.noise:.0f} % of the variance"
     )
     lines = [f"{group}{metric} {each.mean:.4g}, standard deviation {each.deviation:.2g} over the points; {noise}."]
     if each.unexplained is not None:
         lines.append(
-            f"Up to {each.unexplained:.0%} of the variance is neither linear nor noise. The upper end of each "
+            f"Up to {100 * each.unexplained:.0f} % of the variance is neither linear nor noise. The upper end of each "
             "interval includes this part."
         )
     if each.flaws:
@@ -79,7 +79,7 @@ def influence_text(each: Influence, metric: str, group: str) -> str:
         f"{each.ordered_pairs} of {each.pairs} pairs differ significantly; numbers with overlapping ranks are tied."
     )
     if small := [share.key for share in each.shares if share.high < NEGLIGIBLE]:
-        lines.append(f"Contributions below {NEGLIGIBLE:.0%}: {', '.join(small)}.")
+        lines.append(f"Contributions below {100 * NEGLIGIBLE:.0f} %: {', '.join(small)}.")
     return "\n".join(lines)
 
 

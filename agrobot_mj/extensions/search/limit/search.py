@@ -269,6 +269,6 @@ def figure(question: Question, found: Sequence[Found]) -> Figure:
         bars = [[max(0.0, b) for b in lower], [max(0.0, b) for b in upper]]
         axes.errorbar(values, rates, bars, color=colour, marker="o", markersize=3, linewidth=0.9, capsize=2)
         axes.set(ylim=(-5, 105), title=each.law)
-    drawn.supylabel(f"successful runs, {question.confidence:.0%} interval [%]", fontsize=8)
+    drawn.supylabel(f"successful runs, {100 * question.confidence:.0f} % interval [%]", fontsize=8)
     grid[-1].set_xlabel(question.key)
     return drawn

@@ -220,7 +220,7 @@ def test_failure_from_a_missing_metric_is_reported(call, tmp_path):
     words = ["risk", *BICYCLE[:-1], "duration_s=0.1", "--particles", "2", "--repeats", "2", "--jobs", "1"]
     status, said, _ = call(*words, "--until", "xte_abs_max > 9", "--out", "r")
     assert status == 0
-    assert "a run fails with a probability of 1 (95% interval 0.51 to 1), from 4 runs" in said
+    assert "a run fails with a probability of 1 (95 % interval 0.51 to 1), from 4 runs" in said
     assert "; these include 4 without xte_abs_max" in said
     assert "1 of 2: probability 1 from 2 runs\n" in said
     assert (tmp_path / "r" / "risk.png").is_file()
