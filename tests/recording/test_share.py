@@ -15,7 +15,6 @@ from agrobot_mj.cli import sharing
 from agrobot_mj.recording.transport import share, snapshot
 from agrobot_mj.recording.transport.share import write_shared
 
-
 PANELS = ("blueprint_panel", "selection_panel", "time_panel")
 
 

@@ -19,7 +19,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.extensions.links.agopengps.link import link, run_link
 from agrobot_mj.extensions.links.agopengps.link_check import check_lines
-from agrobot_mj.extensions.links.agopengps.link_metrics import health, positions_since_heard
+from agrobot_mj.extensions.links.agopengps.link_metrics import health, positions_since_heard, steering_rate
 from agrobot_mj.extensions.links.agopengps.session import LinkOptions, NoHostError
 from agrobot_mj.extensions.links.agopengps.udp import Incoming, UdpSockets
 from agrobot_mj.scenario.loading import load_scenario
@@ -224,16 +224,25 @@ def test_host_cross_track_error_is_missing_without_line_or_messages():
     assert not np.isnan(off[(t > 2) & (t < 6)]).any()
 
 
+def out(turn):
+    return Datagram(turn, turn * 0.05, "out", "h:1", b"$PANDA,")
+
+
+def answer(turn):
+    return Datagram(turn, turn * 0.05 + 0.01, "in", "h:1", encode(SteerData(1.0, 0, 0.0)))
+
+
 def test_answered_fraction_excludes_positions_before_the_first_reply():
-    def out(turn):
-        return Datagram(turn, turn * 0.05, "out", "h:1", b"$PANDA,")
-
-    def answer(turn):
-        return Datagram(turn, turn * 0.05 + 0.01, "in", "h:1", encode(SteerData(1.0, 0, 0.0)))
-
     record = [out(0), out(2), out(4), answer(4), out(6), out(8), answer(8)]
     assert positions_since_heard(record) == 3
     assert positions_since_heard(record[:3]) == 0
+
+
+def test_rate_of_steering_messages_excludes_the_time_before_the_host():
+    late = [out(0), out(100), answer(200), out(202), answer(202), answer(204), out(400)]
+    assert steering_rate(late) == pytest.approx(10.0)
+    assert steering_rate(late[:3]) is None
+    assert steering_rate(late[:2]) is None
 
 
 def test_slow_or_lossy_link_to_the_host_is_reported():

@@ -44,6 +44,14 @@ def positions_since_heard(record: list[Datagram]) -> int:
     return 0 if heard is None else any(map(_is_position, record[:heard])) + sum(map(_is_position, record[heard:]))
 
 
+def steering_rate(record: list[Datagram]) -> float | None:
+    """Return the mean number of steering messages per wall time [1/s] from the first to the last steering message, or
+    None for fewer than two messages."""
+    times = [datagram.wall for datagram in record if _steers(datagram)]
+    span = times[-1] - times[0] if times else 0.0
+    return (len(times) - 1) / span if span > 0 else None
+
+
 def _is_position(datagram: Datagram) -> bool:
     return datagram.direction == "out" and datagram.data.startswith(POSITIONS)
 
@@ -105,13 +113,12 @@ def link_metrics(session: Session, log: Log) -> dict[str, Any]:
     tally, spec = session.state.tally, session.spec
     ticks = max(session.turn - max(session.started, 0), 1)
     answers, since = latencies(record), positions_since_heard(record)
-    span = max((d.wall for d in record), default=0.0) - min((d.wall for d in record), default=0.0)
     return {
         "host": spec.host,
         "steer_by": spec.steer_by,
         "positions": sum(map(_is_position, record)),
         "steer_messages": tally.steer_data,
-        "steer_messages_hz": tally.steer_data / span if span > 0 else None,
+        "steer_messages_hz": steering_rate(record),
         "answered_fraction": min(len(answers) / since, 1.0) if since else None,
         **_latency_ms(answers),
         **cross_track(log),
