@@ -40,7 +40,7 @@ PRESSED = {
 HELP = (
     "arrows or WASD: steer, faster, slower\n"
     "Space stop   L law   H driver   P pause\n"
-    "M keep state   R restore   F fault\n"
+    "M save state   R restore   F fault\n"
     "Backspace: start again"
 )
 WIDTH, TALLEST, MARGIN = 300.0, 780.0, 10.0
@@ -183,7 +183,7 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
         imgui.SetNextItemWidth(LABEL)
         _, self.fault = imgui.Combo("fault", self.fault, list(s.faults) or ["-"])
         self._button("inject", "Inject for 5 s (F)")
-        self._button("mark", "Keep state (M)")
+        self._button("mark", "Save state (M)")
         imgui.SameLine()
         self._button("recall", "Restore (R)")
         imgui.SeparatorText("Applied at the next start")
@@ -231,7 +231,7 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
         s, size = self.status, imgui.GetIO().DisplaySize
         width = max((size.x - WIDTH - 4 * MARGIN) / 2, 200.0)
         for k, (title, least, values) in enumerate(
-            (("distance from the path [m]", 0.2, s.cross_tracks), ("roll [deg]", 2.0, s.rolls))
+            (("cross-track error [m]", 0.2, s.cross_tracks), ("roll [deg]", 2.0, s.rolls))
         ):
             left = WIDTH + 2 * MARGIN + k * (width + MARGIN)
             height = max(CURVE_SHARE * size.y, CURVE_LEAST)
