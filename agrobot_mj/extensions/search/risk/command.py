@@ -82,7 +82,7 @@ def answer(scenario: Scenario, q: RiskQuestion, done: Sequence[Population]) -> R
         text = f"a run fails with a probability of {found.probability:.2g}"
         text += f" ({100 * CONFIDENCE:.0f} % interval {found.low:.2g} to {found.high:.2g}), from {driven}"
         crude = found.probability * (1 - found.probability) / found.error**2 if found.error else 0.0
-        text += f"; plain Monte Carlo would need {crude:,.0f} runs for this interval" if crude else ""
+        text += f"; plain Monte Carlo would need {crude:,.0f} runs for the same standard error" if crude else ""
         empty = sum(not split.probability for split in splits)
         if empty > EMPTY * len(splits):
             text += f"; {empty} of {len(splits)} splittings found no failure, so the interval is too narrow"
