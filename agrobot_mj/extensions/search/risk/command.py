@@ -85,7 +85,7 @@ def answer(scenario: Scenario, q: RiskQuestion, done: Sequence[Population]) -> R
         text += f"; plain Monte Carlo would need {crude:,.0f} runs for the same standard error" if crude else ""
         empty = sum(not split.probability for split in splits)
         if empty > EMPTY * len(splits):
-            text += f"; {empty} of {len(splits)} splittings found no failure, so the interval is too narrow"
+            text += f"; {empty} of {len(splits)} splittings found no failure, so the interval is unreliable"
             text += "; increase --particles"
         flaws = Counter(run.flaw for run in runs if run.flaw)
         text += f"; these include {', '.join(f'{n} {flaw}' for flaw, n in flaws.items())}" if flaws else ""

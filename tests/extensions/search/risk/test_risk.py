@@ -160,7 +160,7 @@ def test_many_splittings_without_failure_are_reported(empty, warned):
     """The distribution of the estimates is then so skewed that their spread is too small."""
     done = [Finished(Split(1e-4 * (k >= empty), 1e-3, 1, ((0.5, 1e-3),), 40)) for k in range(5)]
     statement = answer(SCENARIO, RiskQuestion("xte_abs_max > 1", 10, 5), done).statement
-    assert ("2 of 5 splittings found no failure, so the interval is too narrow; increase" in statement) is warned
+    assert ("2 of 5 splittings found no failure, so the interval is unreliable; increase" in statement) is warned
 
 
 # --- runs of the simulator ----------------------------------------------------------------------------------------
