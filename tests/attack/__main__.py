@@ -44,7 +44,7 @@ CLASSES: dict[str, tuple] = {
 }
 """Classes of inputs. Each class has a function that runs one input, a fraction of all inputs, and functions that
 prepare the parent process."""
-sys.path.append(str(ROOT / "examples" / "agopengps_host"))
+sys.path += [str(ROOT / "examples" / "agopengps_host"), str(ROOT / "tests")]
 for file in sorted((ROOT / "tests" / "extensions").glob("*/attack_*.py")):
     sys.path.append(str(file.parent))
     CLASSES |= import_module(file.stem).CLASSES

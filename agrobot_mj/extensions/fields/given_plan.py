@@ -68,9 +68,9 @@ def _of_lines(file: Path, field: Field, rig: FieldMachine, sections: int) -> Pla
     """Return a plan along the lines in a file. Raise `ScenarioError` if the machine cannot follow the lines."""
     from agrobot_mj.extensions.fields.reading import read_plan
 
-    legs = read_plan(file, field)
+    legs, notes = read_plan(file, field)
     try:
-        return plan_of_legs(field.name, legs, rig, sections)
+        return replace(plan_of_legs(field.name, legs, rig, sections), warnings=notes)
     except ValueError as error:
         hint = f", or specify {PLAN_FILE} in the same folder" if file.with_name(PLAN_FILE).is_file() else ""
         raise ScenarioError(f"--plan {file.name}: {error}{hint}") from None

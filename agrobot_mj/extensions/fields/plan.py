@@ -49,7 +49,9 @@ class Plan:
     margin: float = 0.0  # Width of the strip along the boundary that is not worked [m]
     overlap: float = 0.0  # Planned overlap between neighbouring passes [m]
     ground: str = ""  # Area of the field without obstacles, as well-known text with coordinates in m
-    warnings: tuple[str, ...] = ()  # Warnings about points at which the plan leaves the field or crosses the field body
+    warnings: tuple[str, ...] = ()
+    """Warnings about points at which the plan leaves the field or crosses the field body, and about repairs of an
+    imported plan."""
 
     @cached_property
     def course(self) -> Course:

@@ -164,8 +164,8 @@ def _middle(field: Field, file: ShapeFile) -> LocalShapes | None:
     return LocalShapes((), Origin(*(round(angle, 7) for angle in to_geodetic(field.plane, x, y))))
 
 
-def read_plan(path: Path, field: Field, crs: str = "") -> tuple[Leg, ...]:
-    """Return the legs in a plan file, in the local plane of a field.
+def read_plan(path: Path, field: Field, crs: str = "") -> tuple[tuple[Leg, ...], tuple[str, ...]]:
+    """Return two values: the legs in a plan file, in the local plane of a field, and notes about repairs.
 
     Raise a `ScenarioError` that names the file and the remedy if the file is unusable.
     """
@@ -178,7 +178,7 @@ def read_plan(path: Path, field: Field, crs: str = "") -> tuple[Leg, ...]:
         away = shapely.distance(shapely.MultiPoint(legs[0].points), field.boundary)
         if away > FAR_M:
             raise ValueError(f"the plan is {away / 1000:.3g} km from the field; use the coordinate system of the field")
-        return legs
+        return legs, tuple(note for note in local.notes if note not in field.notes)
     except ValueError as error:
         raise ScenarioError(f"{path.name}: {error}") from None
 

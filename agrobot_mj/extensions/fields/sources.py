@@ -5,6 +5,7 @@ import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from lzma import LZMAError
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from xml.etree import ElementTree
@@ -42,7 +43,7 @@ def _shapes(path: Path, of_agopengps: Callable[[Path], ShapeFile]) -> ShapeFile:
         with _unpacked(path) as place:
             if not place.is_dir():
                 return _with_origin(_read(place), place)
-            return of_agopengps(place) if is_folder_of_field(place) else _of_folder(place, of_agopengps)
+            return _of_folder(place, of_agopengps)
     except (ValueError, RecursionError) as error:
         raise ScenarioError(str(error)) from None
     except OSError as error:
@@ -69,32 +70,49 @@ def _unpacked(path: Path) -> Iterator[Path]:
         folder = Path(place) / path.stem  # its name is the default name of a field
         try:
             _unpack(path, folder)
-        except (zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError, OSError):
+        except (zipfile.BadZipFile, zlib.error, LZMAError, RuntimeError, NotImplementedError, EOFError, OSError):
             refuse(path, "the zip archive is damaged or encrypted; create the archive again")
         yield folder
 
 
 def _unpack(path: Path, folder: Path) -> None:
-    """Write the files of a zip archive to a new folder. Raise ValueError for an archive that is too large."""
+    """Write the files of a zip archive to a new folder. Raise ValueError for an archive that is too large, or that
+    contains two files with the same name."""
     folder.mkdir()
     with zipfile.ZipFile(path) as archive:
-        members = archive.infolist()
+        members, written = archive.infolist(), set[str]()
         if len(members) > MOST_MEMBERS or sum(each.file_size for each in members) > MOST_UNPACKED_BYTES:
             refuse(path, f"the archive exceeds {MOST_UNPACKED_BYTES / 1e6:.0f} MB unpacked; specify an unpacked file")
-        archive.extractall(folder)
+        for member in members:
+            file = archive.extract(member, folder)
+            if file in written and not member.is_dir():
+                refuse(path, f"the archive contains {member.filename!r} twice; create the archive again")
+            written.add(file)
 
 
 def _of_folder(folder: Path, of_agopengps: Callable[[Path], ShapeFile]) -> ShapeFile:
-    """Return the shapes of the first task data, AgOpenGPS field or other file in a folder or its direct subfolders."""
-    for place in (folder, *sorted(each for each in folder.iterdir() if each.is_dir())):
-        if tasks := [each for each in place.iterdir() if each.name.upper() == TASKDATA]:
-            return _task_data(tasks[0])
-        if is_folder_of_field(place):
-            return of_agopengps(place)
-        files = [each for each in sorted(place.iterdir()) if each.suffix.lower() in PREFERRED and each.is_file()]
-        if files:
-            return _read(min(files, key=lambda each: PREFERRED.index(each.suffix.lower())))
+    """Return the shapes of the first source in a folder or, if there is none, in its direct subfolders. A note reports
+    other sources."""
+    for places in ([folder], sorted(each for each in folder.iterdir() if each.is_dir())):
+        if sources := [source for place in places for source in _sources(place)]:
+            found = of_agopengps(sources[0]) if sources[0].is_dir() else _read(sources[0])
+            if len(sources) > 1:
+                many = f"only {sources[0].name!r} is read, the first of {len(sources)} sources; specify the path of one"
+                found = replace(found, notes=(*found.notes, many))
+            return found
     return refuse(folder, f"the folder contains no field; specify a folder with {TASKDATA} or Boundary.txt, or a file")
+
+
+def _sources(place: Path) -> list[Path]:
+    """Return the sources in a folder: the folder itself if it is of AgOpenGPS, the task data, or all files of the
+    preferred format."""
+    if is_folder_of_field(place):
+        return [place]
+    if tasks := [each for each in place.iterdir() if each.name.upper() == TASKDATA]:
+        return tasks[:1]
+    files = [each for each in sorted(place.iterdir()) if each.suffix.lower() in PREFERRED and each.is_file()]
+    best = min((PREFERRED.index(each.suffix.lower()) for each in files), default=0)
+    return [each for each in files if each.suffix.lower() == PREFERRED[best]]
 
 
 def _with_origin(found: ShapeFile, path: Path) -> ShapeFile:

@@ -1,6 +1,7 @@
 """Damaged and hostile field files: reported repairs, and error messages."""
 
 import json
+import zipfile
 
 import numpy as np
 import pytest
@@ -194,6 +195,18 @@ HOSTILE = {
 }
 
 
+@pytest.mark.parametrize("method", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_damaged_zip_archive_is_rejected_with_every_compression(tmp_path, method):
+    file = tmp_path / "farm.zip"
+    with zipfile.ZipFile(file, "w", method) as archive:
+        archive.writestr("a.kml", FILES["a.kml"])
+    content = bytearray(file.read_bytes())
+    content[60:80] = bytes(20)
+    file.write_bytes(content)
+    with pytest.raises(ScenarioError, match=r"farm\.zip: the zip archive is damaged or encrypted; create the archive"):
+        read_field(file)
+
+
 @pytest.mark.parametrize("name", HOSTILE)
 def test_malicious_field_file_gives_one_message_with_the_file_name(tmp_path, name):
     content, text = HOSTILE[name]
@@ -212,7 +225,7 @@ def test_field_across_the_antimeridian_has_one_boundary(tmp_path):
     for ends in ([179.9992, -179.9992], [179.9998, 179.9992], [-179.9998, -179.9992]):
         line = json.dumps({"type": "LineString", "coordinates": [[lon, -16.9995] for lon in ends]})
         (tmp_path / "plan.json").write_text(line)
-        (leg,) = read_plan(tmp_path / "plan.json", field)
+        ((leg,), _) = read_plan(tmp_path / "plan.json", field)
         east = [(lon % 360 - 180) * 106_486 for lon in ends]
         assert leg.points[:, 0] == pytest.approx(east, rel=1e-3)
         assert leg.points[:, 1] == pytest.approx([0.0, 0.0], abs=0.1)

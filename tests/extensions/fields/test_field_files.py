@@ -1,6 +1,7 @@
 """Fields from every file format: equal polygons, and the names, obstacles and headlands in the files."""
 
 import zipfile
+from warnings import catch_warnings
 
 import pytest
 
@@ -115,6 +116,31 @@ def test_zip_archive_of_an_agopengps_folder_names_the_field(tmp_path):
         for file in folder.iterdir():
             archive.write(file, file.name)
     assert read_field(tmp_path / "valley.zip").name == "valley"
+
+
+@pytest.mark.parametrize("again", ["a.geojson", "../a.geojson", "/a.geojson"])
+def test_zip_archive_with_two_files_of_the_same_name_is_rejected(tmp_path, again):
+    with zipfile.ZipFile(tmp_path / "farm.zip", "w") as archive, catch_warnings(action="ignore"):
+        for name in ("a.geojson", again):
+            archive.writestr(name, FILES["a.geojson"])
+    with pytest.raises(ScenarioError, match=f"farm.zip: the archive contains '{again}' twice; create the archive"):
+        read_field(tmp_path / "farm.zip")
+
+
+def test_first_of_several_fields_in_a_folder_is_read_and_reported(tmp_path):
+    place = tmp_path / "farm"
+    place.mkdir()
+    for name in ("b.kml", "a.kml"):
+        (place / name).write_text(FILES["a.kml"])
+    (place / "notes.csv").write_text("x,y\n")
+    field = read_field(place)
+    assert field.name == "a"
+    assert field.notes == ("only 'a.kml' is read, the first of 2 sources; specify the path of one",)
+    for name in ("East", "West"):
+        aog(tmp_path / name)
+    field = read_field(tmp_path)
+    assert field.name == "East"
+    assert field.notes == ("only 'East' is read, the first of 4 sources; specify the path of one",)
 
 
 def test_isoxml_zip_and_folder_are_read_with_external_files(tmp_path):

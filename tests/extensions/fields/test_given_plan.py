@@ -83,6 +83,12 @@ def test_error_for_plan_lines_names_the_stored_plan_next_to_them(tmp_path):
         given_plan(drawn, None, RECTANGLE, machine(), 1)
 
 
+def test_repairs_of_a_plan_file_are_reported_as_warnings(tmp_path):
+    (tmp_path / "plan.csv").write_text("x,y,speed\n10,10,2\n,,\n,,2\n30,10,\n40,10,2\n")
+    warnings = given_plan(tmp_path / "plan.csv", None, RECTANGLE, machine(), 1).warnings
+    assert warnings == ("1 row without a position is omitted", "missing speeds in 1 rows are interpolated")
+
+
 def test_plan_without_legs_is_rejected():
     with pytest.raises(ValueError, match="the plan has no passes"):
         plan_of_legs("field", (), machine(), 1)

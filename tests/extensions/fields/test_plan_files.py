@@ -31,7 +31,7 @@ def line(points, **properties):
 
 def plan_of(folder, name, content, field=FIELD):
     (folder / name).write_text(content, encoding="utf-8")
-    return read_plan(folder / name, field)
+    return read_plan(folder / name, field)[0]
 
 
 def states(legs):
@@ -105,12 +105,12 @@ def test_agopengps_tracks_are_converted_to_the_plane_of_the_field(tmp_path):
     ab = "AB\n0.0\n60.000,-10.000\n60.000,10.000\n0.5\n2\nTrue\n0\n"
     curve = "Curve\n0.0\n0,0\n0,0\n0\n4\nTrue\n2\n-20.000,0.000,0.0\n-20.000,30.000,0.0\n"
     (folder / "TrackLines.txt").write_text(f"$TrackLines\n{ab}{curve}")
-    legs = read_plan(folder, FIELD)
+    legs, _ = read_plan(folder, FIELD)
     np.testing.assert_allclose(legs[0].points[:, 0], 100.5, atol=0.01)
     np.testing.assert_allclose(np.sort(legs[0].points[:, 1]), [0, 100], atol=0.01)
     np.testing.assert_allclose(legs[1].points, [(20, 20), (20, 50)], atol=0.01)
     (folder / "RecPath.txt").write_text("$RecPath\n3\n0,0,0,7.2,False\n5,0,0,7.2,False\n9,1,0,7.2,False\n")
-    (recorded,) = read_plan(folder, FIELD)
+    ((recorded,), _) = read_plan(folder, FIELD)
     assert recorded.speed_m_s == pytest.approx(2.0)
     np.testing.assert_allclose(recorded.points[0], (40, 20), atol=0.01)
 
