@@ -120,9 +120,11 @@ def _ahead(recording: FieldRecording) -> tuple[float, float] | None:
     rate, u = np.diff(yaw) / dt, np.interp((t[1:] + t[:-1]) / 2, *recording.speed)
     side = (np.diff(z) / dt * np.exp(-1j * middle)).imag
     kept = (dt < LONGEST_STEP_S) & (np.abs(rate) < 1.0)
+    if kept.sum() < LEAST_SAMPLES:
+        return None
     columns = np.column_stack([rate, u, u * rate])[kept]
     size = np.sqrt((columns**2).mean(axis=0))
-    if kept.sum() < LEAST_SAMPLES or not size.all() or np.linalg.cond(columns / size) > MOST_ALIKE:
+    if not size.all() or np.linalg.cond(columns / size) > MOST_ALIKE:
         return None
     values = np.linalg.lstsq(columns, side[kept])[0]
     off = side[kept] - columns @ values

@@ -36,6 +36,7 @@ from agrobot_mj.extensions.logs.maps import (
 )
 from agrobot_mj.extensions.logs.series import (
     FEWEST,
+    LARGEST,
     LARGEST_YAW_RATE,
     LEAST_SPEED,
     TimeSeries,
@@ -136,7 +137,7 @@ def read_recording(
     data = read_columns(source, [column for column in keys if column not in good], keys)
     rows, t, notes = in_order(data[m.time.column] * SECONDS[m.time.unit])
     check_time(name, m.time.column, t, "time.unit of the map")
-    data = {column: each[rows] for column, each in data.items()}
+    data = {column: np.where(np.abs(each) < LARGEST, each, np.nan)[rows] for column, each in data.items()}
     good = {column: each[rows] for column, each in good.items()}
     r = _Reader(name, t - t[0], data, good, notes)
     steer = r.steer(m.steer.as_read() if readings else m.steer, inf if readings else LARGEST_STEER) if m.steer else None
@@ -220,6 +221,11 @@ class _Reader(NamedTuple):
                 f"{repeated.sum()} repeated values of {c.column!r} (from a slow or coarse sensor) are omitted"
             )
         steady = turned_headings(found)
+        if len(steady.t) < FEWEST:
+            raise FieldLogError(
+                f"{self.name}: {len(found.t) - len(steady.t)} of {len(found.t)} values of {c.column!r} turn faster than "
+                "a machine; check heading.unit and time.unit of the map, or remove [heading] from the map"
+            )
         if jumps := len(found.t) - len(steady.t):
             self.notes.append(f"{jumps} values of {c.column!r} that jump or are next to a jump are omitted")
         return TimeSeries(steady.t, np.unwrap(steady.value))

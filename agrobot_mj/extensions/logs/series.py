@@ -13,6 +13,7 @@ from agrobot_mj.core.table_columns import SAME_TIME, Mask
 
 Values = np.ndarray[tuple[int, ...], np.dtype[Any]]
 Index = np.ndarray[tuple[int, ...], np.dtype[np.int_]]
+LARGEST = 1e100  # Absolute value from which a number counts as missing, in any unit. Its square is finite.
 FEWEST = 4  # Minimum number of values that interpolation needs [-]
 SMOOTHING_S = 1.0  # Duration of the local cubic fits that differentiate headings [s]
 COURSE_S = 2.0

@@ -4,8 +4,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pytest
-from field_logs import WHEELBASE_M, field_log, field_map, path
+from field_logs import WHEELBASE_M, field_log, field_map, path, recorded
 
+from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.health import health_lines
 from agrobot_mj.extensions.logs.replay.result import replay
 from agrobot_mj.extensions.logs.steering import RoughSteering, SteeringCentre, moved, standard_error
@@ -34,6 +35,28 @@ def test_fault_free_log_reports_only_position_scatter_and_steering_centres():
     assert [float(part.split()[0]) for part in centres.split("centre: ")[1].split("), ")] == pytest.approx(
         [432] * 6, abs=0.5
     )
+
+
+def test_numbers_too_large_for_a_square_are_missing_values():
+    columns = field_log(DRIVEN, counts=counts_about(432))
+    missing = np.abs(columns["t"] - 50.0) < 0.5
+    expected, found = (columns | {"steer": np.where(missing, value, columns["steer"])} for value in (np.nan, 1e200))
+    assert lines_of(found) == lines_of(expected)
+
+
+def test_log_with_few_positions_gives_no_antenna_position():
+    columns = field_log(DRIVEN, counts=counts_about(432))
+    for name in ("east", "north"):
+        columns[name] = np.where(columns["t"] % 20 < 0.01, columns[name], np.nan)
+    assert not any("antenna" in line for line in lines_of(columns))
+
+
+def test_headings_that_turn_too_fast_in_a_wrong_time_unit_are_rejected():
+    columns = field_log(DRIVEN)
+    columns["heading"] = columns["heading"] + np.where(columns["t"] > 50, 120, 0)
+    columns["t"] = 1e-3 * columns["t"]
+    with pytest.raises(FieldLogError, match=r"values of 'heading' turn faster than a machine; check heading.unit and"):
+        recorded(columns)
 
 
 @pytest.mark.parametrize("heading", [True, False])

@@ -19,7 +19,7 @@ from agrobot_mj.core.errors import shortened
 from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.core.table_columns import NAME, FieldLogError, Source, check_size
-from agrobot_mj.extensions.logs.series import LATE_S, RESTART_S, decreased
+from agrobot_mj.extensions.logs.series import LARGEST, LATE_S, RESTART_S, decreased
 from agrobot_mj.paths.imports import text_type
 
 QUANTITIES = (
@@ -45,7 +45,6 @@ QUANTITIES = (
 """Quantities that a reader may return. Other numeric columns are also accepted."""
 HEAD_BYTES = 65536  # Number of bytes at the start of a file from which its format is recognised [bytes]
 LONGEST_LINE = 65536  # Maximum length of a line of text [bytes]
-LARGEST = 1e300  # Absolute value from which a number counts as missing, in any unit
 MOST_VALUES = 20_000_000  # Maximum number of values from one file; a value needs 16 bytes
 MOST_DAMAGED = 0.2  # Fraction of unreadable lines above which a file is rejected as damaged [-]. Assumed value.
 DAY_S = 86400.0
