@@ -48,7 +48,15 @@ sys.path += [str(ROOT / "examples" / "agopengps_host"), str(ROOT / "tests")]
 for file in sorted((ROOT / "tests" / "extensions").glob("*/attack_*.py")):
     sys.path.append(str(file.parent))
     CLASSES |= import_module(file.stem).CLASSES
-LONG_S = {"kills": 900.0, "changes": 300.0, "interrupts": 300.0, "copies": 300.0, "play": 300.0}
+LONG_S = {
+    "kills": 900.0,
+    "changes": 300.0,
+    "interrupts": 300.0,
+    "copies": 300.0,
+    "play": 300.0,
+    "starts": 300.0,
+    "server": 300.0,
+}
 """Maximum time of an input in classes whose inputs consist of several commands, runs or requests [s]."""
 
 

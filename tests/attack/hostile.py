@@ -3,6 +3,7 @@
 import io
 import random
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import pyarrow.parquet as pq
 from PIL import Image
 
 from agrobot_mj.core.resources import SCENARIOS
+from agrobot_mj.terrain.geotiff import write_tiff
 
 NUMBERS = ("nan", "inf", "-inf", "0", "-0.0", "-1", "1e308", "-1e308", "1e999", "5e-324", "1e9", "0x10", "0b1", "1_0")
 NUMBERS += ("0.9999999999999999", "9" * 400, "9" * 5000)
@@ -74,8 +76,13 @@ def terrain_files() -> dict[str, bytes]:
     array, picture = io.BytesIO(), io.BytesIO()
     np.save(array, heights)
     Image.fromarray((heights * 1000 + 30_000).astype(np.uint16)).save(picture, "png")
-    texts = {name: (SCENARIOS / name).read_bytes() for name in ("hills.asc", "waypoints.csv")}
-    return {**texts, "heights.npy": array.getvalue(), "heights.png": picture.getvalue()}
+    found = {name: (SCENARIOS / name).read_bytes() for name in ("hills.asc", "waypoints.csv")}
+    found |= {"heights.npy": array.getvalue(), "heights.png": picture.getvalue()}
+    with TemporaryDirectory() as folder:
+        for name, kind in {"float.tif": np.float32, "whole.tif": np.int32}.items():
+            write_tiff(Path(folder, name), heights[:8, :8].astype(kind), (0.5, 0.5), (6e5, 5e6), False, -9999)
+            found[name] = Path(folder, name).read_bytes()
+    return found
 
 
 def odd_array(chance: random.Random) -> bytes:

@@ -52,7 +52,7 @@ def kills(chance: random.Random) -> str:
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         return f"{line}: no end {LONGEST_S:g} s after {number.name}"
-    found = _left(number, words, process.returncode) or _orphans(process.pid)
+    found = left(number, words, process.returncode) or orphans(process.pid)
     found = f"{number.name}: {found}" if found else _again(command, COMMANDS[line])
     return f"{line}: {found}" if found else ""
 
@@ -68,7 +68,7 @@ def _wait(process: "subprocess.Popen[bytes]", chance: random.Random) -> None:
     time.sleep(chance.choice([0.0, 0.01, 0.05, 0.5, 2.0]) * chance.random())
 
 
-def _left(number: signal.Signals, words: str, status: int) -> str:
+def left(number: signal.Signals, words: str, status: int) -> str:
     """Return a description of the fault in the output or the files of a completed command, or an empty text."""
     if "Traceback" in words:
         return words[-2000:]
@@ -86,7 +86,7 @@ def _stale() -> list[str]:
     return [str(path) for path in Path("out").rglob(".*") if STALE.fullmatch(path.name)]
 
 
-def _orphans(group: int) -> str:
+def orphans(group: int) -> str:
     """Return a message about processes of an ended command that are still running, except zombies."""
     end = time.monotonic() + 20.0
     while alive := [pid for pid, (of, state) in _processes().items() if of == group and state != "Z"]:

@@ -28,6 +28,18 @@ PAGES = ("/", "/index.html")  # URL paths of the page
 STATE = "/state"  # URL path of the stream of poses, to which each page that shows the tractor is connected
 
 
+class _EndedConnections(logging.Filter):
+    """Filter that omits log records about connections that a page has ended, for example during a reload."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        error = record.exc_info[1] if record.exc_info else None
+        # websockets reports an internal error if a page resets its connection before the response is complete
+        return not isinstance(error, ConnectionClosed | ConnectionError | AssertionError)
+
+
+ENDED = _EndedConnections()
+
+
 class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
     """Web viewer of MuJoCo Studio, restricted to the network address `address`."""
 
@@ -128,6 +140,8 @@ def launch(
         viewer_protocol.run_viewer_loop(found[0])
 
     logging.getLogger("WebServer").setLevel(logging.WARNING)
+    for name in ("asyncio", "websockets.server"):
+        logging.getLogger(name).addFilter(ENDED)
     with redirect_stdout(io.StringIO()):  # the banner of the server lists other addresses
         handle: viewer_handle.ViewerHandle = launch_thread.launch_thread(serve, sim_plugins=list(sim_plugins))
         started.wait(START_S)

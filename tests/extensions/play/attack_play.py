@@ -1,11 +1,17 @@
 """Hostile inputs for interactive driving: command options, recorded inputs, messages of the page, and its server."""
 
+import io
 import json
+import os
 import random
+import signal
 import socket
 import struct
+import subprocess
+import sys
 import time
 import urllib.request
+from contextlib import redirect_stderr, suppress
 from functools import cache
 from math import inf, isfinite, nan
 from pathlib import Path
@@ -13,6 +19,7 @@ from pathlib import Path
 from commands import bend
 from hostile import BITS, NUMBERS, VALUES, bent, odd_lines
 from judge import call
+from processes import left, orphans
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 
@@ -108,19 +115,25 @@ def _pad_message(chance: random.Random) -> str:
     return chance.choice([good, f'{{"steer": {steer}, "drive": {drive}, "pressed": {pressed}}}', chance.choice(odd)])
 
 
-def _server(chance: random.Random) -> str:
+def server(chance: random.Random) -> str:
     """Send hostile requests and frames to the server of the page, which must reply afterwards."""
     handle, viewer = web.launch(0, False, [], [], Gamepad())
     if found := _reply(viewer.port):
         return found
-    for _ in range(12):
-        if chance.random() < 0.5:
-            _requests(chance, viewer.port)
-        else:
-            _frames(chance, viewer.port)
-    found = _reply(viewer.port)
-    web.closing(handle).join(PATIENCE_S)
-    return found
+    with redirect_stderr(io.StringIO()) as said:
+        for _ in range(12):
+            chance.choice([_requests, _frames, _raw, _raw, _crowd])(chance, viewer.port)
+        found = _reply(viewer.port) or _pages_left(viewer)
+        web.closing(handle).join(PATIENCE_S)
+    return found or said.getvalue()
+
+
+def _pages_left(viewer: web.PlayViewer) -> str:
+    """Return an empty text as soon as the viewer counts no page, otherwise a message. A drive pauses without a page."""
+    end = time.monotonic() + PATIENCE_S
+    while viewer.clients and time.monotonic() < end:
+        time.sleep(0.05)
+    return f"{viewer.clients} pages are counted after the end of all connections" if viewer.clients else ""
 
 
 def _reply(port: int) -> str:
@@ -173,6 +186,49 @@ def _frames(chance: random.Random, port: int) -> None:
         return
 
 
+def _raw(chance: random.Random, port: int) -> None:
+    """Open a WebSocket of the page without a library, send malformed frames, and close or reset the connection."""
+    path = chance.choice([SOCKET, web.STATE, "/ui", "/drop"])
+    key = chance.choice(["dGhlIHNhbXBsZSBub25jZQ==", "dGhlIHNhbXBsZSBub25jZQ==", "", "x"])
+    lines = [f"GET {path} HTTP/1.1", f"Host: 127.0.0.1:{port}", "Upgrade: websocket", "Connection: Upgrade"]
+    lines += [f"Origin: http://127.0.0.1:{port}", f"Sec-WebSocket-Key: {key}", "Sec-WebSocket-Version: 13"]
+    request = "\r\n".join([*lines, "", ""]).encode()
+    sent = socket.create_connection(("127.0.0.1", port), PATIENCE_S)
+    with sent, suppress(OSError):
+        if chance.random() < 0.5:
+            sent.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # reset instead of close
+        sent.sendall(request[: len(request) if chance.random() < 0.9 else chance.randrange(len(request))])
+        if chance.random() < 0.7:
+            sent.settimeout(1.0)
+            sent.recv(4096)
+        for _ in range(chance.randrange(5)):
+            sent.sendall(_frame(chance))
+            time.sleep(chance.choice([0.0, 0.0, 0.05]))
+
+
+def _frame(chance: random.Random) -> bytes:
+    """Return a WebSocket frame with a random type and content, whose length may be wrong."""
+    size = chance.choice([0, 1, 2, 125, 126, 5000, 70_000, 20_000_000])
+    content = chance.choice([b"state_ack", b"request_control", b"\xff" * size, bytes(size), b"[" * size, b"9" * size])
+    length = chance.choice([len(content)] * 6 + [0, 3, 2**31, 2**63 - 1])
+    masked = 0x80 if chance.random() < 0.9 else 0
+    start = bytes([chance.choice([0x81, 0x82, 0x81, 0x01, 0x80, 0x88, 0x89, 0x8A, 0x83, 0xC1, 0xFF])])
+    if length < 126:
+        start += bytes([masked | length])
+    else:
+        start += bytes([masked | 127]) + struct.pack(">Q", length)
+    return start + bytes(4 if masked else 0) + content
+
+
+def _crowd(chance: random.Random, port: int) -> None:
+    """Open many connections at once, which send nothing, an incomplete request, or a complete request."""
+    request = chance.choice([b"", b"GET / HT", b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"])
+    connected = [socket.create_connection(("127.0.0.1", port), PATIENCE_S) for _ in range(chance.choice([10, 200]))]
+    for each in connected:
+        with each, suppress(OSError):
+            each.sendall(request)
+
+
 def _header(chance: random.Random) -> bytes:
     """Return bytes that begin with a number of bytes that do not follow."""
     return struct.pack("<I", chance.choice([0, 1, 2**31, 2**32 - 1])) + b"x.xml"
@@ -187,8 +243,37 @@ def _options(chance: random.Random) -> str:
 
 
 def play(chance: random.Random) -> str:
-    """Drive with hostile options, inputs, panel messages, gamepad messages, or requests to the server."""
-    return chance.choices((_options, _inputs, _messages, _gamepad, _server), (3, 3, 3, 1, 1))[0](chance)
+    """Drive with hostile options, inputs, panel messages, or gamepad messages."""
+    return chance.choices((_options, _inputs, _messages, _gamepad), (3, 3, 3, 1))[0](chance)
 
 
-CLASSES = {"play": (play, 0.06, prepare)}
+DRIVE = "-m agrobot_mj play straight_line --no-browser --no-rrd --set plant.settle_s=0.1 --out out".split()
+
+
+def starts(chance: random.Random) -> str:
+    """Interrupt or end the command during its start, possibly twice, or start the command on a port in use."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        port, used = taken.getsockname()[1], chance.random() < 0.3
+        taken.listen() if used else taken.close()
+        words = [*DRIVE, "--port", str(port), *([] if used else ["--network"] if chance.random() < 0.2 else [])]
+        options = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "start_new_session": True}
+        process = subprocess.Popen([sys.executable, *words], **options)
+        number = chance.choice([signal.SIGINT, signal.SIGTERM])
+        if not used:
+            time.sleep(chance.uniform(0.0, chance.choice([3.0, 15.0])))
+            for pause in (0.0, chance.uniform(0.0, 0.3))[: chance.choice([1, 1, 2])]:
+                time.sleep(pause)
+                process.send_signal(number)
+        try:
+            said = process.communicate(timeout=2 * PATIENCE_S)[1].decode(errors="replace")
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            return f"no end {2 * PATIENCE_S:g} s after {number.name}"
+    if used and (process.returncode != 2 or f"--port {port}: " not in said or Path("out").exists()):
+        return f"port in use: status {process.returncode}: {said}"
+    found = "" if used else left(number, said, process.returncode)
+    return found or orphans(process.pid) or ("results without a page" if Path("out").exists() else "")
+
+
+CLASSES = {"play": (play, 0.06, prepare), "server": (server, 0.01), "starts": (starts, 0.01)}

@@ -1,18 +1,21 @@
 """Server of the page of `agrobot-mj play`: its network access, its messages, and its end with the command."""
 
+import gc
 import json
 import os
 import re
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import threading
 import time
 import traceback
 import urllib.request
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, redirect_stderr
 from functools import wraps
+from io import StringIO
 from pathlib import Path
 from urllib.error import URLError
 
@@ -153,6 +156,22 @@ def test_page_sends_the_state_of_a_gamepad_to_the_server():
             while not pad.steer and time.monotonic() < until:
                 time.sleep(0.01)
     assert (pad.steer, pad.drive, pad.pressed()) == (0.5, -1.0, ["law"])
+
+
+@alone
+def test_connection_reset_by_a_page_prints_nothing():
+    lines = ("GET /state HTTP/1.1", "Host: x", "Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13")
+    with redirect_stderr(StringIO()) as said:
+        with served() as (port, _):
+            more = (f"Origin: http://127.0.0.1:{port}", f"Sec-WebSocket-Key: {'x' * 22}==")
+            for k in range(60):
+                with socket.create_connection(("127.0.0.1", port)) as page:
+                    page.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+                    page.sendall("\r\n".join([*lines, *more, "", ""]).encode())
+                    if k % 2:
+                        page.recv(4096)
+        gc.collect()
+    assert said.getvalue() == ""
 
 
 @alone
