@@ -221,12 +221,13 @@ class _Reader(NamedTuple):
                 f"{repeated.sum()} repeated values of {c.column!r} (from a slow or coarse sensor) are omitted"
             )
         steady = turned_headings(found)
+        jumps = len(found.t) - len(steady.t)
         if len(steady.t) < FEWEST:
             raise FieldLogError(
-                f"{self.name}: {len(found.t) - len(steady.t)} of {len(found.t)} values of {c.column!r} turn faster than "
-                "a machine; check heading.unit and time.unit of the map, or remove [heading] from the map"
+                f"{self.name}: {jumps} of {len(found.t)} values of {c.column!r} turn faster than a machine; check "
+                "heading.unit and time.unit of the map, or remove [heading] from the map"
             )
-        if jumps := len(found.t) - len(steady.t):
+        if jumps:
             self.notes.append(f"{jumps} values of {c.column!r} that jump or are next to a jump are omitted")
         return TimeSeries(steady.t, np.unwrap(steady.value))
 
