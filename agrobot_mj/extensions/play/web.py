@@ -25,6 +25,7 @@ LOOPBACK, EVERYWHERE = "127.0.0.1", "::"
 START_S = 20.0  # Maximum start-up time of the viewer [s]. Assumed value, sufficient for a busy computer.
 SERVE = web_server.serve  # Function of MuJoCo Studio that starts a server. This server accepts pages of any site.
 PAGES = ("/", "/index.html")  # URL paths of the page
+DROP = "/drop"  # URL path on which MuJoCo Studio receives models, which it would keep in memory during a drive
 STATE = "/state"  # URL path of the stream of poses, to which each page that shows the tractor is connected
 
 
@@ -81,6 +82,8 @@ class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
                 with suppress(ConnectionClosed):
                     async for text in connection:
                         self.pad.receive(text)
+                return
+            if path.startswith(DROP):
                 return
             shows = path.startswith(STATE)
             self.clients += shows

@@ -13,7 +13,7 @@ import threading
 import time
 import traceback
 import urllib.request
-from contextlib import ExitStack, contextmanager, redirect_stderr
+from contextlib import ExitStack, contextmanager, redirect_stderr, suppress
 from functools import wraps
 from io import StringIO
 from pathlib import Path
@@ -21,7 +21,7 @@ from urllib.error import URLError
 
 import pytest
 from processes import Server
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from agrobot_mj.core.errors import ScenarioError
@@ -156,6 +156,24 @@ def test_page_sends_the_state_of_a_gamepad_to_the_server():
             while not pad.steer and time.monotonic() < until:
                 time.sleep(0.01)
     assert (pad.steer, pad.drive, pad.pressed()) == (0.5, -1.0, ["law"])
+
+
+@alone
+def test_models_dropped_on_the_page_are_not_kept():
+    handle, viewer = web.launch(0, False, [], [], Gamepad())
+    wait_for(viewer.port)
+    site = f"127.0.0.1:{viewer.port}"
+    options = {"origin": f"http://{site}"}
+    with (
+        connect(f"ws://{site}/ui?sid=a", **options),
+        connect(f"ws://{site}/drop?sid=a", **options) as drop,
+        suppress(ConnectionClosed),
+    ):
+        drop.send(b"\x05\0\0\0a.xml<mujoco/>")
+        drop.send(b"")
+        drop.recv()
+    assert viewer._drop_queue.empty()
+    web.closing(handle).join()
 
 
 @alone
