@@ -48,15 +48,16 @@ def good() -> dict[str, bytes]:
         "sniffed": "\n".join(sniffed).encode(),
         "isoxml": _zip(TIMELOG, data),
         "entities": _zip(BILLION, data),
+        "lzma": _zip(TIMELOG, data, zipfile.ZIP_LZMA),
         "bomb": _zip(TIMELOG, bytes(120_000_000)),
         "mcap": _bag(),
     }
 
 
-def _zip(header: str, data: bytes) -> bytes:
+def _zip(header: str, data: bytes, method: int = zipfile.ZIP_DEFLATED) -> bytes:
     """Return task data that contain one time log."""
     out = io.BytesIO()
-    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(out, "w", method) as archive:
         archive.writestr("TASKDATA/TASKDATA.XML", "<ISO11783_TaskData/>")
         archive.writestr("TASKDATA/TLG00001.XML", header)
         archive.writestr("TASKDATA/TLG00001.BIN", data)

@@ -13,6 +13,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from functools import partial
+from lzma import LZMAError
 from pathlib import Path
 from struct import Struct, error
 from typing import Literal, NamedTuple
@@ -220,12 +221,14 @@ def _in_zip(path: Path) -> dict[str, Open]:
     sets = _task_folders(entries)
     if len(sets) > 1:
         raise FieldLogError(f"{path.name}: the archive has {len(sets)} TASKDATA.XML files; unpack and use only one")
-    return {
-        each.filename.removeprefix(folder).upper(): partial(_unpack, path, each)
-        for folder in sets
-        for each in entries
-        if each.filename.startswith(folder) and not each.is_dir()
-    }
+    found = dict[str, Open]()
+    for each in entries:
+        if each.filename.startswith(tuple(sets)) and not each.is_dir():
+            name = each.filename.removeprefix(sets[0]).upper()
+            if name in found:
+                raise FieldLogError(f"{path.name}: the archive contains {name} twice; create the archive again")
+            found[name] = partial(_unpack, path, each)
+    return found
 
 
 def _unpack(path: Path, entry: zipfile.ZipInfo, most: int) -> bytes:
@@ -236,5 +239,5 @@ def _unpack(path: Path, entry: zipfile.ZipInfo, most: int) -> bytes:
     try:
         with zipfile.ZipFile(path) as archive:
             return archive.read(entry)
-    except (zipfile.BadZipFile, zlib.error, RuntimeError, EOFError, OSError, NotImplementedError) as problem:
+    except (zipfile.BadZipFile, zlib.error, LZMAError, RuntimeError, EOFError, OSError, NotImplementedError) as problem:
         raise FieldLogError(f"{where}: cannot be unpacked: {problem}") from None

@@ -154,6 +154,18 @@ def test_time_log_records_with_impossible_values_are_ignored(folder, data):
         open_log(folder)
 
 
+@pytest.mark.parametrize("method", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_damaged_zip_of_task_data_is_rejected_with_every_compression(tmp_path, method):
+    with zipfile.ZipFile(tmp_path / "z", "w", method) as archive:
+        for name, content in {"TLG00001.XML": HEADER, "TLG00001.BIN": b"".join(RECORDS), "TASKDATA.XML": TASK}.items():
+            archive.writestr(name, content)
+    content = bytearray((tmp_path / "z").read_bytes())
+    content[70:90] = bytes(20)
+    (tmp_path / "z").write_bytes(content)
+    with pytest.raises(FieldLogError, match=r"z: TLG00001.XML: cannot be unpacked: "):
+        open_log(tmp_path / "z")
+
+
 def test_oversized_and_malformed_zips_are_rejected(tmp_path, monkeypatch):
     monkeypatch.setattr(reader, "MOST_BIN_BYTES", 10_000_000)
 
@@ -175,6 +187,8 @@ def test_oversized_and_malformed_zips_are_rejected(tmp_path, monkeypatch):
         (tmp_path / "z").write_bytes(cut)
         with pytest.raises(FieldLogError):
             open_log(tmp_path / "z")
+    with pytest.raises(FieldLogError, match=r"z: the archive contains TLG00001.XML twice; create the archive again"):
+        open_log(zipped(TASKDATA_XML=TASK, TLG00001_XML=HEADER, tlg00001_xml=HEADER))
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "x").write_text(TASK)
     with pytest.raises(FieldLogError, match=r"the folder has neither signals.parquet nor TASKDATA.XML"):
