@@ -39,6 +39,17 @@ def test_faults_added_during_a_run_act_as_if_known_from_the_start(sim):
     assert to_the_end(continued(sim.save(), scenario)).equals(run(scenario).signals)
 
 
+def test_run_with_the_contact_tyre_continues_without_a_warning(recwarn):
+    keys = {"plant.tyre.kind": "contact", "plant.settle_s": 0.1, "duration_s": 0.5}
+    sim = Simulation("straight_line", keys)
+    sim.reset()
+    sim.step()
+    scenario = sim.scenario.changed({"fault": [{**JUMP, "start_s": 0.3}]})
+    recwarn.clear()
+    assert to_the_end(continued(sim.save(), scenario)).equals(run(scenario).signals)
+    assert not [each for each in recwarn if each.category is RuntimeWarning]
+
+
 def test_active_fault_may_end_earlier_or_later(sim):
     for end in (2.05, 3.0, 5.0):
         scenario = with_faults(sim, end_s=end)
