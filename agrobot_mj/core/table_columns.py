@@ -207,6 +207,10 @@ def _csv(path: Path, wanted: Sequence[str]) -> pa.Table:
     """Return the requested columns of a CSV file. Raises `FieldLogError` for a file that is too large or unreadable."""
     check_size(path)
     names, delimiter = _header(path)
+    with path.open("rb") as stream:
+        stream.readline()
+        if not stream.read(1):
+            raise FieldLogError(f"{path.name}: the file has column names but no rows; export the file again")
 
     def read(decimal: str) -> pa.Table:
         return pacsv.read_csv(
@@ -279,6 +283,8 @@ def _numpy(cells: pa.ChunkedArray, origin: int) -> Array:
 
 
 def _described(kind: pa.DataType, cells: pa.ChunkedArray) -> str:
+    if pa.types.is_binary(kind):
+        return "text that is not in UTF-8; save the file in UTF-8"
     if pa.types.is_string(kind) or pa.types.is_large_string(kind):
         words = [(k, v) for k, v in enumerate(cells.to_pylist(), 1) if v]
         row, sample = next((word for word in words if not NUMBER.fullmatch(word[1])), words[0] if words else (1, ""))

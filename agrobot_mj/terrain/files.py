@@ -107,10 +107,12 @@ def _read_png(path: Path) -> Sheet:
             refuse(path, f"the image exceeds the limit of {MOST_NODES} pixels by far; crop it or reduce its resolution")
         except Exception:
             refuse(path, "the file is not a PNG image; export the file again as a grey PNG of 16 bits")
-    with picture:
+    with picture, path.open("rb") as stream:
         _fits(path, (picture.height, picture.width))
         if picture.mode not in GREY:
             refuse(path, f"the image has type {picture.mode}; export it as grey of 16 (or 8) bits without alpha")
+        # `verify` compares the checksums, which reading ignores
+        _try(path, "export the file again", lambda: Image.open(stream, formats=["PNG"]).verify())
         values = _try(path, "export the file again", lambda: np.asarray(picture, dtype=np.float64))
         return Sheet(np.flipud(values), white=GREY[picture.mode])
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from agrobot_mj.core.resources import refuse
 from agrobot_mj.core.signals import Array
+from agrobot_mj.core.spec import HUGE
 
 PIXEL_SCALE, TIE_POINT, TRANSFORMATION, GEO_KEYS, NODATA = 33550, 33922, 34264, 34735, 42113
 """Numbers of the TIFF tags for cell size, position, transformation, GeoKeys and missing data in GeoTIFF files."""
@@ -46,10 +47,15 @@ def cell_and_corner(path: Path, image: Any) -> tuple[float, tuple[float, float]]
         refuse(path, "the cells are in degrees; reproject the grid to metres, e.g. with gdalwarp -t_srs EPSG:32632")
     if TRANSFORMATION in tags or PIXEL_SCALE not in tags or len(tags.get(TIE_POINT, ())) < 6:
         refuse(path, "the file has no north-up position on a map; convert it with gdalwarp -of GTiff")
-    dx, dy = (float(size) for size in tags[PIXEL_SCALE][:2])
+    try:
+        dx, dy = (float(size) for size in tags[PIXEL_SCALE][:2])
+        i, j, _, x, y, _ = (float(value) for value in tags[TIE_POINT][:6])
+    except (TypeError, ValueError):
+        refuse(path, "the tags of the map position are damaged; convert the file with gdalwarp -of GTiff")
     if not (0 < dx < np.inf and abs(dx - dy) <= 1e-9 * dx):
         refuse(path, f"the cells are {dx:g} x {dy:g} m; resample them to squares with gdalwarp -tr {dx:g} {dx:g}")
-    i, j, _, x, y, _ = (float(value) for value in tags[TIE_POINT][:6])
+    if not max(abs(x), abs(y)) <= HUGE:
+        refuse(path, f"the map position ({x:g}, {y:g}) m is out of range; convert the file with gdalwarp -of GTiff")
     half = 0.0 if keys.get(RASTER_TYPE) == IS_POINT else 0.5
     west, north = x + (half - i) * dx, y - (half - j) * dx
     return dx, (west, north - (image.height - 1) * dx)

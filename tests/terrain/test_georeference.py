@@ -98,6 +98,22 @@ def test_error_for_an_unusable_geotiff_states_a_remedy(tmp_path, keys, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("tag", "value", "message"),
+    [
+        (PIXEL_SCALE, (2.0,), "the tags of the map position are damaged"),
+        (TIE_POINT, (0.0, 0.0, 0.0, 1e92, 0.0, 0.0), r"the map position \(1e\+92, 0\) m is out of range"),
+    ],
+)
+def test_damaged_map_position_of_a_geotiff_is_rejected(tmp_path, tag, value, message):
+    info = TiffImagePlugin.ImageFileDirectory_v2()
+    for each, numbers in {PIXEL_SCALE: (2.0, 2.0, 0.0), TIE_POINT: (0.0,) * 6, tag: value}.items():
+        info.tagtype[each], info[each] = 12, numbers
+    Image.fromarray(np.zeros((4, 4), dtype=np.float32)).save(tmp_path / "dem.tif", tiffinfo=info)
+    with pytest.raises(ScenarioError, match=f"dem.tif: {message}; convert the file with gdalwarp"):
+        load_scenario("straight_line", {"terrain": {"kind": "heightmap", "file": str(tmp_path / "dem.tif")}})
+
+
 def test_colour_images_and_other_files_are_rejected_as_geotiff(tmp_path):
     Image.fromarray(np.zeros((4, 4, 3), dtype=np.uint8)).save(tmp_path / "colour.tif")
     (tmp_path / "text.tif").write_text("no image")

@@ -182,6 +182,7 @@ BAD = {
     "text.png": (b"hello", "the file is not a PNG image"),
     "jpeg.png": (patched(GREY, b"\x89PNG", b"\xff\xd8\xff\xe0"), "the file is not a PNG image"),
     "short.png": (GREY[:-20000], "cannot be read"),
+    "bent.png": (GREY[:-40] + b"xx" + GREY[-38:], "cannot be read (broken PNG file"),
     "colour.png": (png(np.zeros((5, 5, 3), dtype=np.uint8)), "the image has type RGB; export it as grey"),
     "alpha.png": (png(np.zeros((5, 5, 2), dtype=np.uint8)), "the image has type LA"),
     "wide.png": (png(np.zeros((3, 5), dtype=np.uint8)), "has 3 rows and 5 columns; set rectangular = true"),

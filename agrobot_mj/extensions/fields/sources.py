@@ -16,7 +16,7 @@ from agrobot_mj.extensions.fields.formats import READERS
 from agrobot_mj.extensions.fields.formats.isoxml import read_task_data
 from agrobot_mj.paths.imports import ShapeFile, read_shapes
 from agrobot_mj.paths.imports.agopengps import is_folder_of_field, read_origin
-from agrobot_mj.paths.imports.reading import MAX_BYTES
+from agrobot_mj.paths.imports.reading import MAX_BYTES, decoded
 from agrobot_mj.paths.imports.xml_files import parsed_xml
 
 TASKDATA = "TASKDATA.XML"
@@ -143,13 +143,12 @@ def _task_data(path: Path) -> ShapeFile:
     files = {each.name.upper(): each for each in path.parent.iterdir() if each.is_file()}
     if path.stat().st_size > MAX_BYTES:
         refuse(path, f"the file is larger than {MAX_BYTES / 1e6:.0f} MB; split the file")
-    text = path.read_text(encoding="utf-8-sig", errors="replace")
     try:
-        root = parsed_xml(text)
+        root = parsed_xml(decoded(path.read_bytes()))
         for reference in root.findall("XFR"):
             file = files.get(f"{reference.get('A', '').upper()}.XML")
             if file is not None and file.stat().st_size <= MAX_BYTES:
-                root.extend(parsed_xml(file.read_text(encoding="utf-8-sig", errors="replace")))
+                root.extend(parsed_xml(decoded(file.read_bytes())))
         return read_task_data(ElementTree.tostring(root, encoding="unicode"))
     except ValueError as error:
         refuse(path, str(error))

@@ -2,7 +2,9 @@
 
 import csv
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 from warnings import catch_warnings
 
 from agrobot_mj.core.errors import required
@@ -37,12 +39,13 @@ def read_shapes(name: str, most_bytes: int = MAX_BYTES, more: Readers | None = N
     try:
         if data.startswith(SHP):
             return read_shapefile(path)
-        return _read_text(_decoded(data), {**(more or {}), **READERS})
+        return _read_text(decoded(data), {**(more or {}), **READERS})
     except (ValueError, csv.Error) as error:
         refuse(path, str(error))
 
 
-def _decoded(data: bytes) -> str:
+def decoded(data: bytes) -> str:
+    """Return the text of a file in UTF-8, UTF-16 or Windows-1252. Raise ValueError for other content."""
     for codec in ("utf-16",) if data.startswith((b"\xff\xfe", b"\xfe\xff")) else ("utf-8-sig", "cp1252"):
         try:
             text = data.decode(codec)
@@ -78,11 +81,11 @@ def read_shapefile(path: Path) -> ShapeFile:
     shapefile = required("shapefile", "fields", "a shapefile")
     shapefile.VERBOSE = False  # rings in the wrong order are read anyway
     try:
-        parts = {"encodingErrors": "replace", **_parts(path)}  # names in other encodings are of no interest
-        with catch_warnings(action="ignore"), shapefile.Reader(shp=str(path), **parts) as reader:
-            names = [each[0] for each in reader.fields[1:]]
-            records = [dict(zip(names, record, strict=False)) for record in reader.iterRecords()] if names else []
-            geometries = [shape.__geo_interface__ for shape in reader.iterShapes()]
+        with ExitStack() as opened, catch_warnings(action="ignore"):
+            shp = opened.enter_context(path.open("rb"))  # without the .shx file, whose damage would omit shapes
+            geometries = [shape.__geo_interface__ for shape in shapefile.Reader(shp=shp).iterShapes()]
+            table = _part(path, ".dbf")
+            records = _records(shapefile, table) if table else []
     except Exception as error:  # the library raises many types for damaged files
         raise ValueError(f"the shapefile is damaged ({type(error).__name__}); export the file again") from None
     shapes = tuple(
@@ -95,14 +98,28 @@ def read_shapefile(path: Path) -> ShapeFile:
     return ShapeFile(shapes, crs, name=shapes[0].name if shapes else "", notes=notes)
 
 
-def _parts(path: Path) -> dict[str, str]:
-    found = {end: path.with_suffix(f".{end}") for end in ("shx", "dbf")}
-    return {end: str(file) for end, file in found.items() if file.is_file()}
+def _part(path: Path, end: str) -> Path | None:
+    """Return the file of a shapefile that ends in `end`, in lower or upper case, or None."""
+    return next((file for each in (end, end.upper()) if (file := path.with_suffix(each)).is_file()), None)
+
+
+def _records(shapefile: Any, file: Path) -> list[dict[str, Any]]:
+    """Return the records of a .dbf file in UTF-8 or, if the text is not UTF-8, in Windows-1252."""
+    try:
+        return _decoded_records(shapefile, file, "utf-8", "strict")
+    except (UnicodeDecodeError, shapefile.ShapefileException):
+        return _decoded_records(shapefile, file, "cp1252", "replace")
+
+
+def _decoded_records(shapefile: Any, file: Path, encoding: str, errors: str) -> list[dict[str, Any]]:
+    with file.open("rb") as dbf, shapefile.Reader(dbf=dbf, encoding=encoding, encodingErrors=errors) as reader:
+        names = [each[0] for each in reader.fields[1:]]
+        return [dict(zip(names, record, strict=False)) for record in reader.iterRecords()]
 
 
 def _crs(path: Path) -> str:
-    file = path.with_suffix(".prj")
-    if not file.is_file() or file.stat().st_size > MOST_PRJ_BYTES:
+    file = _part(path, ".prj")
+    if file is None or file.stat().st_size > MOST_PRJ_BYTES:
         return ""
     pyproj = required("pyproj", "fields", "the coordinate system of a shapefile")
     try:

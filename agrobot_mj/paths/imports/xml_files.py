@@ -12,7 +12,7 @@ from agrobot_mj.paths.imports.shapes import DEGREES, Polyline, ShapeFile
 def parsed_xml(text: str) -> ElementTree.Element:
     """Return the root of an XML document, with namespaces removed. Raise ValueError if the document is damaged."""
     try:
-        root = ElementTree.fromstring(text.encode())
+        root = ElementTree.fromstring(text)  # a text, so that a declared encoding has no effect
     except (ElementTree.ParseError, ValueError) as error:
         line = getattr(error, "position", (0,))[0]
         raise ValueError(f"the file is not valid XML (line {line}); export the file again") from None

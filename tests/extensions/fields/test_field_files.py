@@ -73,6 +73,39 @@ def test_field_file_with_projected_coordinates_gives_the_same_field(tmp_path):
     assert read_field(tmp_path / "farm.shp").name == "North"
 
 
+@pytest.mark.parametrize("name", ["a.kml", "v4.xml", "TASKDATA.XML"])
+@pytest.mark.parametrize("codec", ["utf-8", "latin-1", "cp1252", "utf-16"])
+def test_xml_field_in_any_declared_encoding_keeps_its_name(tmp_path, name, codec):
+    text = FILES[name.replace("TASKDATA.XML", "v4.xml")].replace('<?xml version="1.0"?>', "")
+    text = text.replace("North", "Grönfält").replace("<Placemark>", "<Placemark><name>Grönfält</name>")
+    (tmp_path / name).write_bytes(f'<?xml version="1.0" encoding="{codec}"?>{text}'.encode(codec))
+    field = read_field(tmp_path / name)
+    assert field.name == "Grönfält"
+    assert field.boundary.area == pytest.approx(AREA, rel=2e-4)
+
+
+@pytest.mark.parametrize("change", ["", "no shx", "other shx", "upper case", "no dbf"])
+def test_shapefile_with_missing_or_renamed_parts_is_read(tmp_path, change):
+    pyproj, shapefile = pytest.importorskip("pyproj"), pytest.importorskip("shapefile")
+    for name, rings in {"farm": (RING[::-1], HOLE), "other": (RING,)}.items():
+        with shapefile.Writer(str(tmp_path / name), shapeType=shapefile.POLYLINE, encoding="cp1252") as writer:
+            writer.field("NAME", "C")
+            for ring in rings:
+                writer.line([degrees(ring)])
+                writer.record("Grönfält")
+    (tmp_path / "farm.prj").write_text(pyproj.CRS("EPSG:4326").to_wkt("WKT1_ESRI"))
+    if change.startswith("no "):
+        (tmp_path / f"farm.{change[3:]}").unlink()
+    elif change == "other shx":
+        (tmp_path / "other.shx").replace(tmp_path / "farm.shx")
+    elif change:
+        for file in list(tmp_path.glob("farm.*")):
+            file.rename(file.with_suffix(file.suffix.upper()))
+    field = read_field(next(file for file in tmp_path.glob("farm.*") if file.suffix.lower() == ".shp"))
+    assert field.name == ("farm" if change == "no dbf" else "Grönfält")
+    assert field.boundary.area == pytest.approx(AREA, rel=2e-4)
+
+
 def test_csv_title_row_that_starts_with_point_is_not_read_as_wkt(tmp_path):
     rows = "\n".join(f"{k},{x},{y}" for k, (x, y) in enumerate(RING))
     field = field_of(tmp_path, "survey.csv", f"point,easting_m,northing_m\n{rows}\n")

@@ -41,6 +41,17 @@ def test_numeric_columns_of_every_type_are_read_as_floats_and_gaps_as_nan(write)
         assert found[unit] == pytest.approx(np.floor(T * per_s) / per_s, abs=1e-12)
 
 
+def test_log_with_a_header_only_or_in_another_encoding_is_rejected(tmp_path):
+    file = tmp_path / "log.csv"
+    for content, message in (
+        (b"t,speed", r"log\.csv: the file has column names but no rows; export the file again"),
+        ("t,speed\n0,é\n".encode("cp1252"), r"log\.csv: 'speed' contains text that is not in UTF-8; save the file in"),
+    ):
+        file.write_bytes(content)
+        with pytest.raises(FieldLogError, match=message):
+            read_columns(file, ["t", "speed"])
+
+
 @pytest.mark.parametrize("delimiter", [";", "\t"])
 def test_decimal_commas_are_read_with_semicolons_or_tabs(tmp_path, delimiter):
     file = tmp_path / "log.csv"
