@@ -296,21 +296,23 @@ def field_files(study: Study) -> dict[str, str]:
 
 
 def machines(study: Study) -> Blocks:
-    """Return a table of all machines under all laws: maximum distance beyond the boundary on each field."""
+    """Return a table of all machines under `lqr`, and of the compact tractor under all laws: maximum distance beyond
+    the boundary on each field."""
     files = field_files(study)
+    pairs = [(machine, "lqr") for machine in WIDTHS_M] + [("compact", law) for law in ALL_LAWS[1:]]
     jobs = [
         (
-            Drive(place, "reference", machine, law, 1, (1.0,), width, (("machine", machine),)),
+            Drive(place, "reference", machine, law, 1, (1.0,), WIDTHS_M[machine], (("machine", machine),)),
             files[place],
             SLOPE * ("slope" in place),
         )
-        for (machine, width), place, law in product(WIDTHS_M.items(), files, ALL_LAWS)
+        for (machine, law), place in product(pairs, files)
     ]
     rows = study.done("machines", worked, jobs)
     lines = []
-    for (machine, width), law in product(WIDTHS_M.items(), ALL_LAWS if rows else ()):
+    for machine, law in pairs:
         some = [row for row in rows if (row["implement"], row["law"]) == (machine, law)]
-        lines.append((f"`{machine}`", f"{width:g}", f"`{law}`", *map(_inside, some)))
+        lines.append((f"`{machine}`", f"{WIDTHS_M[machine]:g}", f"`{law}`", *map(_inside, some)))
     return {"machines": markdown_table(("machine", "width [m]", "law", *files), lines, 3)} if rows else {}
 
 
@@ -319,7 +321,7 @@ def _inside(row: Row) -> str:
     failure."""
     if row["expected"]:
         return f"{row['out']['tractor']:.2f} / {row['out']['implement']:.2f}"
-    return str(row["reason"] or row["ends"]).partition(":")[0]
+    return str(row["reason"] or row["ends"]).partition("; ")[0]
 
 
 def _beyond(rows: Sequence[Row]) -> str:
