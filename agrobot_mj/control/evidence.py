@@ -29,7 +29,7 @@ GAP_S = 0.5
 BEND_ERROR = 0.25
 """Error of the velocity integration, divided by the time step and the second difference of the velocity [-]. Assumed
 value, above the theoretical value of 1/12 for time steps much shorter than the antenna oscillation."""
-MOVING_M_S = 0.4  # Minimum speed of a moving tractor [m/s]. Assumed value: ten times the velocity noise.
+MOVING_M_S = 0.4  # Minimum speed of a moving tractor [m/s]. Assumed value: 13 times the velocity noise.
 COURSE_M_S = 0.25
 """Minimum fix speed for deriving a course from the velocity [m/s]. Assumed value: eight times the velocity noise."""
 HELD_S = 5.0

@@ -13,7 +13,10 @@ from agrobot_mj.machine.tractor import GRAVITY
 
 
 class Inputs(NamedTuple):
-    """Measurements of a tick except the fix, for the filter of `ekf_full`; a missing measurement is NaN."""
+    """Measurements of a tick except the fix, for the filter of `ekf_full`.
+
+    A missing yaw rate, wheel speed or steering angle is NaN. A missing roll or pitch keeps its last value, initially 0.
+    """
 
     t: float  # Time of the measurements [s]
     gyro: float  # Measured yaw rate [rad/s]

@@ -65,7 +65,7 @@ class FixNumbers(NamedTuple):
 
 
 class MotionReadings(NamedTuple):
-    """Measurements of the tractor motion in one tick; a missing measurement is NaN."""
+    """Measurements of the tractor motion in one tick; a missing steering angle, yaw rate or wheel speed is NaN."""
 
     steer: float = nan  # Measured steering angle [rad]
     gyro: float = nan  # Yaw rate measured by the gyro [rad/s]

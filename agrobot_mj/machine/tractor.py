@@ -124,10 +124,10 @@ class TractorParameters(Spec):
     antenna_height_m: Annotated[float, Field(ge=0, le=20)] = 2.0
     """Height of the GNSS antenna above level ground [m]. Paper, section V-A."""
     antenna_ahead_m: AntennaPlace = 0.0
-    """Distance of the GNSS antenna ahead of the rear axle [m]; up to 1 for an antenna on a cab roof. Paper, section
-    V-A."""
+    """Distance of the GNSS antenna ahead of the rear axle [m]; typically up to 1 on a cab roof. Paper, section V-A."""
     antenna_left_m: AntennaPlace = 0.0
-    """Lateral offset of the GNSS antenna [m], positive to the left; up to 0.5 on a cab roof. Paper, section V-A."""
+    """Lateral offset of the GNSS antenna [m], positive to the left; typically up to 0.5 on a cab roof. Paper, section
+    V-A."""
     hitch_behind_m: Annotated[float, Field(ge=0, le=10)] = 0.55
     """Distance of the hitch behind the rear axle [m]. Assumed value (range 0.45-0.7)."""
     hitch_height_m: Annotated[float, Field(ge=0, le=5)] = 0.35

@@ -86,7 +86,7 @@ def _window(first: float, between: tuple[float, ...], cell: float) -> slice:
 
 
 def _coarse_enough(cell: float, width: float, height: float) -> float:
-    """Return the minimum cell size [m] for which the property grid has at most `MOST_CELLS` cells."""
+    """Return a rounded cell size [m], at least `cell`, for which the property grid has at most `MOST_CELLS` cells."""
     while ceil(height / cell) * ceil(width / cell) > MOST_CELLS:
         cell = rounded_up(1.05 * cell)
     return cell
