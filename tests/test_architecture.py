@@ -142,7 +142,7 @@ def test_every_module_has_a_docstring():
         assert ast.get_docstring(parsed(file)), file
 
 
-def test_kernel_cache_key_depends_on_all_sources():
+def test_kernel_cache_key_depends_on_all_files_with_kernels():
     compilers = {"agrobot_mj.core.kernels.jit", "agrobot_mj.core.kernels.kernel"}
     makers = {part: [file for file in files_of(part) if compilers & set(imported(file))] for part in LAYERS}
     assert {"core", "machine", "terrain", "tyres", "plants"} <= set(PARTS)

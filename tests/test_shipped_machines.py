@@ -29,7 +29,7 @@ def ends_as_listed(machine, name):
 
 
 @pytest.mark.parametrize(("machine", "name"), SOME)
-def test_scenario_completes_on_one_drawn_machine_or_is_a_listed_exception(machine, name):
+def test_selected_scenario_completes_on_a_machine_or_is_an_exception(machine, name):
     ends_as_listed(machine, name)
 
 

@@ -108,7 +108,7 @@ def test_steering_messages_are_unchanged_by_encoding_and_decoding(speed, status,
 
 
 @given(st.floats(-pi, pi), st.floats(-0.7, 0.7))
-def test_heading_and_roll_are_unchanged_by_encoding_and_decoding(yaw, roll):
+def test_heading_and_roll_are_encoded_with_a_resolution_of_0_1_deg(yaw, roll):
     again = decode(encode(SteerState(0.0, yaw, roll)))
     assert (again.yaw - yaw + pi) % (2 * pi) - pi == pytest.approx(0.0, abs=radians(0.051))
     assert again.roll == pytest.approx(roll, abs=radians(0.051))

@@ -234,7 +234,7 @@ def supplied(folder):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", sorted({command.page for command in IN_OURS} - set(ELSEWHERE)))
-def test_all_commands_of_a_page_run_in_order(page, tmp_path, monkeypatch, capsys):
+def test_commands_of_a_page_run_in_order(page, tmp_path, monkeypatch, capsys):
     supplied(tmp_path)
     (tmp_path / "runs").mkdir()
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))

@@ -159,7 +159,7 @@ def test_brake_is_applied_after_a_delay_and_released_immediately():
     assert state.stands
 
 
-def test_brake_is_applied_while_the_reference_speed_is_zero():
+def test_brake_is_applied_after_1_s_of_crawl_command_and_resting_reference():
     def share(speed, reference):
         state = BrakeState()
         for _ in range(round(STANDSTILL_S / TICK_S) + 1):

@@ -204,7 +204,7 @@ def test_implement_pull_also_opposes_the_motion_in_reverse():
 
 @pytest.mark.parametrize("dt", [0.002, 0.005])
 @pytest.mark.parametrize("pull", [1500.0, 1e5])
-def test_parked_tractor_with_implement_does_not_creep(pull, dt):
+def test_parked_tractor_with_a_drawbar_pull_does_not_creep(pull, dt):
     """The tyres take up the load while the soil force relaxes, without vibration."""
     under = Under(NOMINAL._replace(drawbar=pull), terrain=Slope(grade_deg=10, direction_deg=30), dt=dt)
     early = under.wait(5.0)

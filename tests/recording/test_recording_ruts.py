@@ -28,7 +28,7 @@ def test_rut_segment_appears_when_the_first_wheel_arrives(rutted):
         assert k == 0 or here.min() > front.min() - 1.5
 
 
-def test_ruts_follow_the_wheel_tracks_and_darken_with_depth(rutted):
+def test_ruts_follow_the_wheel_tracks_in_several_colours(rutted):
     _, (points,) = rutted.column("/world/ruts/1", "Mesh3D:vertex_positions")
     _, (colours,) = rutted.column("/world/ruts/1", "Mesh3D:vertex_colors")
     points = np.array(points)

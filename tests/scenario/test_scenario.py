@@ -328,7 +328,7 @@ def test_an_override_of_an_unknown_key_is_reported(key):
     ],
     ids=["delay", "settling", "step", "duration"],
 )
-def test_values_too_large_for_a_simulation_are_rejected(overrides):
+def test_values_that_would_exhaust_memory_or_run_for_years_are_rejected(overrides):
     """Each value would exhaust the memory or run for years."""
     refused("circle", overrides)
 

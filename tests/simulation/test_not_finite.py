@@ -182,7 +182,7 @@ def test_error_names_the_control_loop_with_a_non_finite_voltage(monkeypatch):
     )
 
 
-def test_exceptions_in_a_user_defined_law_are_passed_on_unchanged(monkeypatch):
+def test_exceptions_in_an_estimator_are_passed_on_unchanged(monkeypatch):
     scenario = load_scenario("figure_eight", SHORT)
 
     def fails(found):

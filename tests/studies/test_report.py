@@ -173,7 +173,7 @@ def test_diverged_run_does_not_hide_other_runs_in_a_figure(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("end_s", [0.0, 0.04, 0.3])
-def test_run_of_a_single_tick_can_be_plotted(end_s: float, tmp_path: Path) -> None:
+def test_run_of_zero_to_six_ticks_can_be_plotted(end_s: float, tmp_path: Path) -> None:
     short = [ReportedRun("mujoco", "pd_t2fnn", RunLog(CIRCLE, 0.1, "pd_t2fnn", end_s))]
     assert write_figures(short, tmp_path)
 

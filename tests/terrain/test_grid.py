@@ -109,7 +109,7 @@ def test_only_a_grid_with_coplanar_nodes_is_classified_as_a_plane():
     assert not ROUGH.is_plane
 
 
-def test_level_ground_has_zero_height_and_gradient():
+def test_level_ground_has_zero_height():
     assert not Flat().ground().heights.any()
 
 

@@ -100,7 +100,7 @@ def test_cornering_stiffness_at_each_cone_index_equals_documentation(cone_index_
         assert -1e-3 * fy / 1e-5 == pytest.approx(expected, rel=0.05)
 
 
-def test_cornering_force_increases_with_tyre_sinkage():
+def test_cornering_force_increases_with_tyre_deflection():
     stiff, soft = (TRACTOR.model_copy(update={"front_tyre_stiffness_n_m": k}) for k in (2.4e5, 6e4))
     setting = Setting(1.0, radians(2), 0.0, STATIC[FRONT])
     assert Rig(Soil(), soft).steady(setting).fy < 1.2 * Rig(Soil(), stiff).steady(setting).fy < 0
