@@ -61,7 +61,9 @@ class SteerColumn(MeasuredColumn):
 
     @model_validator(mode="after")
     def _has_wheelbase(self) -> "SteerColumn":
-        if (self.unit == "1/m") != (self.wheelbase_m is not None):
+        if self.unit == "1/m" and self.wheelbase_m is None:
+            raise ValueError('wheelbase_m: is missing for unit = "1/m"; set the wheelbase of the vehicle [m]')
+        if self.unit != "1/m" and self.wheelbase_m is not None:
             raise ValueError('wheelbase_m: applies to a curvature only; set unit = "1/m", or omit wheelbase_m')
         return self
 

@@ -71,6 +71,12 @@ def test_curvature_is_converted_to_steering_angle_if_wheelbase_is_known(written)
     tables = log.tables | {"steer": {"column": "curvature", "unit": "1/m", "wheelbase_m": 2.5}}
     steer = read_recording(log.source, LogMap.model_validate(tables), 2.0).steer
     assert steer.value == pytest.approx([atan(2.5 * kappa) for kappa in CURVATURE], abs=4e-4)
+    del tables["steer"]["wheelbase_m"]
+    with pytest.raises(ValueError, match="wheelbase_m: is missing for unit"):
+        LogMap.model_validate(tables)
+    tables["steer"] |= {"unit": "rad", "wheelbase_m": 2.5}
+    with pytest.raises(ValueError, match="wheelbase_m: applies to a curvature only"):
+        LogMap.model_validate(tables)
 
 
 def test_speed_message_with_the_most_values_is_used(tmp_path):
