@@ -44,7 +44,7 @@ from agrobot_mj.simulation.run import run
 Keys = tuple[tuple[str, Any], ...]  # Overrides of a scenario by dotted key
 LAWS, TURNS = ("lqr", "stanley", "kinematic"), ("omega", "bulb", "clothoid", "k")
 FIELD_LAWS = ("lqr", "stanley", "pure_pursuit")
-"""Laws of the table of fields. `kinematic` is stopped in the turns of all four fields."""
+"""Laws of the table of fields. `kinematic` is stopped on the first reverse segment of all four fields."""
 WIDTHS_M = {"riding": 1.5, "robot": 2.0, "orchard": 2.5, "compact": 3.0, "utility": 4.0, "row_crop": 6.0}
 """Working width of each machine in the table of machines [m]. Assumed values."""
 ALL_LAWS = ("lqr", "nmpc", "stanley", "pure_pursuit", "feedforward", "kinematic")
