@@ -29,7 +29,7 @@ def ends_as_listed(machine, name):
 
 
 @pytest.mark.parametrize(("machine", "name"), SOME)
-def test_selected_scenario_completes_on_a_machine_or_is_an_exception(machine, name):
+def test_selected_runs_complete_or_are_listed_exceptions(machine, name):
     ends_as_listed(machine, name)
 
 

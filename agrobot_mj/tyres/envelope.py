@@ -26,7 +26,7 @@ BLEND = 0.005
 """Difference of penetrations below which two contact points share the load [m]. Assumed value: 1/3 of the
 deflection."""
 ALONG = 0.01
-"""Component of the horizontal rolling direction, perpendicular to grid lines, below which it counts as zero [-]."""
+"""Component of the rolling direction perpendicular to grid lines [-], below which the wheel rolls along these lines."""
 END, COLUMN, ROW = range(3)
 """Types of segment ends: end of the polyline, crossing of a column of nodes, and crossing of a row of nodes."""
 

@@ -114,7 +114,7 @@ class Drive(NamedTuple):
     implement: str
     law: str
     seed: int
-    size: tuple[float, ...]  # Number and length [m] of the swaths, or scale of the field
+    size: tuple[float, ...]  # Number and length [m] of the swaths, empty for a field
     width: float
     keys: Keys
 
@@ -214,14 +214,13 @@ def public_fields(folder: Path) -> dict[str, Path]:
 
 
 def worked(job: tuple[Drive, str, Keys]) -> Row:
-    """Simulate the work on a scaled field. Return a row with the overlapped and missed area for each planned overlap
+    """Simulate the work on a field. Return a row with the overlapped and missed area for each planned overlap
     [%], and the maximum distance of the machine beyond the boundary [m].
 
     `job` contains the drive, the field file (may be empty), and overrides not used in the plan.
     """
     drive, file, unknown = job
     field = read_field(Path(file)) if file else Field(drive.place, OWN[drive.place])
-    field = replace(field, boundary=shapely.affinity.scale(field.boundary, *drive.size * 2, origin=(0.0, 0.0)))
     row = {**drive._asdict(), "area_m2": field.boundary.area}
     try:
         log, drove = driven(field, drive, Options(), unknown)
@@ -249,7 +248,7 @@ def guidance(study: Study) -> Blocks:
     cells = list(product(dict.fromkeys(pairs), FIELD_LAWS))
     jobs = [
         (
-            Drive(place, condition, "3 m", law, seed, (1.0,), 3.0, known),
+            Drive(place, condition, "3 m", law, seed, (), 3.0, known),
             files[place],
             unknown + SLOPE * ("slope" in place),
         )
@@ -281,6 +280,7 @@ def guidance(study: Study) -> Blocks:
     lost = Counter(row["ends"] for row in rows if not row["expected"])
     ends = ", ".join(f"{count} {end}" for end, count in lost.items()) or "none"
     said = f"{FIELDS_SAID} {seeds} seeds: {len(rows)} runs; failed: {ends}."
+    said += "" if len(files) > len(OWN) else " The public fields were not available."
     return {
         "coverage": markdown_table(heads, lines, 4),
         "planned overlap": markdown_table(steps, curve, 1),
@@ -302,7 +302,7 @@ def machines(study: Study) -> Blocks:
     pairs = [(machine, "lqr") for machine in WIDTHS_M] + [("compact", law) for law in ALL_LAWS[1:]]
     jobs = [
         (
-            Drive(place, "reference", machine, law, 1, (1.0,), WIDTHS_M[machine], (("machine", machine),)),
+            Drive(place, "reference", machine, law, 1, (), WIDTHS_M[machine], (("machine", machine),)),
             files[place],
             SLOPE * ("slope" in place),
         )

@@ -57,3 +57,4 @@ def test_texts_and_raise_statements_do_not_change_the_code_digest():
     noted = b'"""Head."""\ndef f():\n    """Doc.\n    """\n    # Note.\n    raise E(\n"b")\n    return 1  # Note.\n'
     assert digest_of([("a.py", noted)]) == digest_of([("a.py", bare)])
     assert digest_of([("a.py", bare.replace(b"1", b"2"))]) != digest_of([("a.py", bare)])
+    assert digest_of([("a.py", b"def f(x): ...\n")]) != digest_of([("a.py", b"def f(y): ...\n")])

@@ -1,4 +1,4 @@
-"""Quantities that the driver can adjust. Some take effect at once, as a fault; others from the next start."""
+"""Quantities that the driver can adjust. Some change at once, by a fault; others at the next start of the drive."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple

@@ -243,8 +243,8 @@ def _packed(chance: random.Random, files: Files) -> Path:
 
 
 def imports(chance: random.Random) -> str:
-    """Read a field, a plan or a path from files of other programs, which may be damaged. A field that is read without a
-    reported problem must have its true area, unless the change cannot be detected."""
+    """Damage files of other programs at random, and read a field, a plan or a path from them. A field that is read
+    without a reported problem must have its true area, unless the damage cannot be detected."""
     name, whole = chance.choice(list(sources().items()))
     files, changes = dict(whole), chance.sample(DAMAGES, chance.choice([0, 1, 1, 1, 2]))
     for change in changes:

@@ -238,7 +238,7 @@ def test_answered_fraction_excludes_positions_before_the_first_reply():
     assert positions_since_heard(record[:3]) == 0
 
 
-def test_rate_of_steering_messages_excludes_the_time_before_the_host():
+def test_rate_of_steering_messages_excludes_the_wait_for_the_host():
     late = [out(0), out(100), answer(200), out(202), answer(202), answer(204), out(400)]
     assert steering_rate(late) == pytest.approx(10.0)
     assert steering_rate(late[:3]) is None
