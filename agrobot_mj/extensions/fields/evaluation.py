@@ -141,7 +141,7 @@ class FieldDrive:
 
     def swaths(self) -> list[WorkedPass]:
         """Return the planned and the actual motion of the implement on each swath inside the headland."""
-        planned = planned_motion(self.plan, self.log.scenario.tractor.cg_to_rear_axle)
+        planned = planned_motion(self.plan)
         return [
             WorkedPass(planned.between(one.start, one.end), self.motion.between(*span))
             for one, span in zip(self.plan.passes, self.spans(), strict=True)

@@ -102,7 +102,8 @@ def plan_of_legs(name: str, legs: tuple[Leg, ...], rig: FieldMachine, sections: 
     if start is None:
         raise ValueError("the plan has no passes; export the passes as lines")
     pause, overlap = rig.path.cusp_pause_s, rig.overlap
-    return Plan(name, rig.width, rig.behind, start, tuple(pieces), tuple(passes), pause, overlap=overlap)
+    machine = rig.width, rig.behind, rig.cg_to_rear_axle
+    return Plan(name, *machine, start, tuple(pieces), tuple(passes), pause, overlap=overlap)
 
 
 def _apart(pose: Pose, begin: Pose) -> bool:

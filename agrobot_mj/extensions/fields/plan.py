@@ -38,6 +38,7 @@ class Plan:
     name: str  # Name of the field
     width: float  # Working width [m]
     behind: float  # Distance of the working point of the implement behind the CG [m]
+    cg_to_rear_axle: float  # Distance of the rear axle behind the CG [m]; 0 in plans of version 0.3
     start: Pose  # Initial pose of the CG
     pieces: tuple[Piece, ...]  # Path segments of the course
     passes: tuple[PlannedPass, ...]  # Passes in the order of driving
@@ -106,6 +107,7 @@ def _plan(found: Mapping[str, Any]) -> Plan:
     angle = found.get("angle_deg")
     return Plan(
         name=str(found["name"]),
+        cg_to_rear_axle=float(found.get("cg_to_rear_axle", 0.0)),
         start=Pose(*map(float, found["start"])),
         pieces=pieces,
         passes=passes,

@@ -72,8 +72,8 @@ def test_oblique_passes_are_not_compared():
 def test_planned_implement_follows_the_closed_form_on_an_arc(behind, length):
     """The rear axle is `length` behind the CG and points to the centre; the implement is in line with both."""
     radius = 20.0
-    plan = Plan("arc", 3.0, behind, Pose(radius, 0.0, np.pi / 2), (Piece(60.0, 1 / radius),), ())
-    found = planned_motion(plan, length)
+    plan = Plan("arc", 3.0, behind, length, Pose(radius, 0.0, np.pi / 2), (Piece(60.0, 1 / radius),), ())
+    found = planned_motion(plan)
     expected = np.hypot(np.sqrt(radius**2 - length**2), behind - length)
     assert np.hypot(found.x, found.y)[-1] == pytest.approx(expected, abs=1e-6)
 

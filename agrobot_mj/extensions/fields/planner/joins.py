@@ -19,7 +19,7 @@ from agrobot_mj.core.geometry import to_heading, wrap
 from agrobot_mj.core.roots import root
 from agrobot_mj.extensions.fields.planner.area import TOLERANCE_M, Area
 from agrobot_mj.extensions.fields.planner.laps import Ring, drivable, from_point, pieces_of
-from agrobot_mj.extensions.fields.planner.rig import FieldMachine, implement_boxes, tractor_boxes
+from agrobot_mj.extensions.fields.planner.rig import FieldMachine, implement_boxes, tractor_boxes, tractor_poses
 from agrobot_mj.extensions.fields.planner.words import (
     REVERSING,
     Bends,
@@ -128,7 +128,7 @@ def depth_of_turn(rig: FieldMachine, shape: Shape) -> float:
     """
     start, goal = Pose(rig.behind, 0.0, 0.0), Pose(rig.behind, rig.spacing, pi)
     turn = next(_turns(start, goal, shape, rig.bends))
-    x, y, yaw = linked(start, turn).divided().joints()
+    x, y, yaw = tractor_poses(linked(start, turn).divided(), rig.cg_to_rear_axle)
     bar = x - rig.behind * np.cos(yaw), y - rig.behind * np.sin(yaw), yaw
     outlines = np.concatenate([tractor_boxes(rig, x, y, yaw), implement_boxes(rig, *bar)])
     return float(shapely.bounds(outlines)[:, 2].max())

@@ -71,8 +71,8 @@ def leaving(area: Area, start: Pose, pieces: Sequence[Piece], passes: Sequence[P
     The passes `passes` determine which points belong to headland laps.
     """
     course = chain(start, pieces).divided()
-    x, y, yaw = course.joints()
-    outside, s = area.outside(x, y, yaw), course.distances()
+    x, y, _ = course.joints()
+    outside, s = area.outside(course), course.distances()
     in_lap = np.zeros(len(x), dtype=bool)
     for one in passes:
         if one.part == "headland":

@@ -158,8 +158,18 @@ class _Work:
         frame = self.layout and self.layout.frame
         angle = None if frame is None or frame.curvature else round(degrees(frame.angle), 4)
         return Plan(
-            *(name, self.rig.width, self.rig.behind, self.start or self.pose, tuple(self.pieces), tuple(self.passes)),
-            *(self.rig.path.cusp_pause_s, angle, headlands, margin, self.rig.overlap),
+            name,
+            self.rig.width,
+            self.rig.behind,
+            self.rig.cg_to_rear_axle,
+            self.start or self.pose,
+            tuple(self.pieces),
+            tuple(self.passes),
+            self.rig.path.cusp_pause_s,
+            angle,
+            headlands,
+            margin,
+            self.rig.overlap,
             ground=shapely.to_wkt(self.area.whole, rounding_precision=4),
             warnings=(*notes, *self.omitted, *self.leaving.warnings(), *crossing),
         )

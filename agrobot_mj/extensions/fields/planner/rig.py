@@ -1,6 +1,7 @@
 """Machine data for the planner: outlines of the tractor and the implement, and limits of bends."""
 
 from dataclasses import dataclass
+from itertools import accumulate, groupby
 from typing import cast
 
 import numpy as np
@@ -10,6 +11,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.planner.words import Bends
 from agrobot_mj.paths import Swaths
+from agrobot_mj.paths.track import Course
 from agrobot_mj.scenario.schema import Scenario
 
 MAX_CURVATURE_FRACTION = 0.95
@@ -26,6 +28,7 @@ class FieldMachine:
     front: float  # Distance of the front end of the tractor ahead of the CG [m]
     rear: float  # Distance of the rear end of the tractor behind the CG [m]
     half_width: float  # Half of the width of the tractor [m], including the tyres
+    cg_to_rear_axle: float  # Distance of the rear axle behind the CG [m]
     tightest: float  # Minimum turn radius of the CG [m]
     path: Swaths  # Path whose keys define the bends of the machine: radius, speed and steering rate
     overlap: float = 0.0  # Planned overlap between neighbouring passes [m]
@@ -46,6 +49,42 @@ class FieldMachine:
     def max_curvature(self) -> float:
         """Maximum permitted curvature of a plan [1/m]."""
         return MAX_CURVATURE_FRACTION / self.tightest
+
+
+def tractor_poses(course: Course, cg_to_rear_axle: float) -> tuple[Array, Array, Array]:
+    """Return x [m], y [m] and yaw [rad] of the CG at the joints of a divided course, shape (segments + 1,) each.
+
+    The rear axle rolls without sideslip. In bends, the tractor therefore has another heading than the course of the CG.
+    """
+    x, y, yaw = course.joints()
+    return x, y, yaw - _sideslip(course, cg_to_rear_axle) if cg_to_rear_axle else yaw
+
+
+def _sideslip(course: Course, length: float) -> Array:
+    """Return the sideslip of the CG [rad] at each joint of a divided course, shape (segments + 1,).
+
+    The sideslip beta of a point `length` [m] ahead of an axle without sideslip follows d(beta)/ds = kappa - sin(beta) /
+    length (see `control.following`), where s increases in the forward direction of the tractor. Reverse segments are
+    therefore evaluated from their end, so that the sideslip may change where reversing begins.
+    """
+    steady = np.arcsin(np.clip(length * (course.curvatures + course.ends) / 2, -0.95, 0.95)).tolist()
+    kept = np.exp(-course.lengths / length).tolist()
+    found, first = [0.0], 0
+    for direction, leg in groupby(course.directions.tolist()):
+        last = first + len(list(leg))
+        steps = list(zip(steady[first:last], kept[first:last], strict=True))
+        if direction > 0:
+            found += _approached(steps, found[-1])[1:]
+        else:
+            found += _approached(steps[::-1], steps[-1][0])[-2::-1]
+        first = last
+    return np.array(found)
+
+
+def _approached(steps: list[tuple[float, float]], initial: float) -> list[float]:
+    """Return the values of a first-order lag before and after each step, which is given by its steady-state value and
+    the fraction of the difference that remains."""
+    return list(accumulate(steps, lambda value, step: step[0] + step[1] * (value - step[0]), initial=initial))
 
 
 def tractor_boxes(rig: FieldMachine, x: Array, y: Array, yaw: Array) -> Array:
@@ -97,6 +136,7 @@ def outline_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldM
         front=tractor.cg_to_front_axle + tractor.front_wheel_radius_m,
         rear=tractor.cg_to_rear_axle + max(tractor.rear_wheel_radius_m, tractor.hitch_behind_m),
         half_width=(tractor.track_m + max(tractor.front_wheel_width_m, tractor.rear_wheel_width_m)) / 2,
+        cg_to_rear_axle=tractor.cg_to_rear_axle,
         tightest=tractor.tightest_radius,
         path=cast(Swaths, scenario.path),
         overlap=overlap,
