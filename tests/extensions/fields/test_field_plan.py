@@ -18,9 +18,9 @@ from agrobot_mj.extensions.fields.plan_path import FieldPlan
 from agrobot_mj.extensions.fields.planned import planned_coverage
 from agrobot_mj.extensions.fields.planner.area import SWING_M, TOLERANCE_M, area_of, body_of, whole_of
 from agrobot_mj.extensions.fields.planner.joins import _turns, depth_of_turn, join
-from agrobot_mj.extensions.fields.planner.rig import tractor_poses
 from agrobot_mj.extensions.fields.planner.leaving import Leaving
 from agrobot_mj.extensions.fields.planner.planning import Options, make_plan
+from agrobot_mj.extensions.fields.planner.rig import tractor_poses
 from agrobot_mj.extensions.fields.planner.swaths import SwathFrame
 from agrobot_mj.extensions.fields.planner.words import end_of
 from agrobot_mj.paths.arc import Pose
