@@ -3,9 +3,12 @@
 The folders `models/` and `scenarios/` are inside the package in an installed wheel, otherwise next to the package.
 """
 
+import zipfile
+import zlib
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib.metadata import EntryPoint, entry_points
+from lzma import LZMAError
 from pathlib import Path
 from typing import Literal, NoReturn
 
@@ -129,6 +132,10 @@ def checked(name: str, kinds: Sequence[str], most_bytes: int) -> Path:
         limit = f"{most_bytes / 1e6:.0f} MB"
         refuse(path, f"the file size is {size / 1e6:.3g} MB, but the limit is {limit}; crop or downsample it")
     return path
+
+
+ZIP_ERRORS = (zipfile.BadZipFile, zlib.error, LZMAError, RuntimeError, NotImplementedError, EOFError, OSError)
+"""Errors of the standard library for a damaged or encrypted zip archive."""
 
 
 def refuse(path: Path, what: str) -> NoReturn:

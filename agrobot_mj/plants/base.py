@@ -229,6 +229,11 @@ class RunningPlant(ABC):
         return self._shown[0].T.ravel()
 
     @property
+    def wheel_signals(self) -> int:
+        """Number of values that `wheels` returns."""
+        return int(self._shown[0].size)
+
+    @property
     def columns(self) -> tuple[Column, ...]:
         """Log columns of the implement, or an empty tuple without an implement."""
         return COLUMNS if self._reported else ()

@@ -58,7 +58,7 @@ class Simulation:
         with without_exit():
             loop = Loop(self.scenario, saved and saved.loop.seen)
         plant = loop.plant
-        rows = Rows(self.scenario.ticks, plant.wheels().size, len(plant.scene.bodies), loop.columns)
+        rows = Rows(self.scenario.ticks, plant.wheel_signals, len(plant.scene.bodies), loop.columns)
         self._evaluation, self._episodes = Evaluation(self.scenario, loop, rows), Episodes(loop, rows)
         self.loop, self.rows, self._watch, self.outcome, self.reason = loop, rows, Watch(plant), "", ""
         self._broken_off = False

@@ -16,7 +16,7 @@ import numpy as np
 from agrobot_mj.core.resources import checked, refuse
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import HUGE
-from agrobot_mj.terrain.geotiff import HEIGHT_MODES, cell_and_corner, open_tiff, values_of
+from agrobot_mj.terrain.geotiff import HEIGHT_MODES, cell_and_corner, open_tiff, without_gaps
 from agrobot_mj.terrain.grid import MOST_NODES
 
 MOST_BYTES = 128 * 1024**2  # Maximum size of a file, sufficient for the largest grid as text [bytes]
@@ -147,8 +147,8 @@ def _read_tiff(path: Path) -> Sheet:
             refuse(path, f"the image has type {image.mode}; export one band of numbers, e.g. with gdal_translate -b 1")
         cell, corner = cell_and_corner(path, image)
         _in_metres(path, cell)
-        values = _try(path, "export the file again without compression", lambda: values_of(path, image))
-        return Sheet(values, cell, corner=corner)
+        read = _try(path, "export the file again without compression", lambda: np.asarray(image, dtype=np.float64))
+        return Sheet(without_gaps(path, read, image.tag_v2), cell, corner=corner)
 
 
 def _text(path: Path, size: int = -1) -> list[str]:

@@ -61,10 +61,10 @@ def cell_and_corner(path: Path, image: Any) -> tuple[float, tuple[float, float]]
     return dx, (west, north - (image.height - 1) * dx)
 
 
-def values_of(path: Path, image: Any) -> Array:
-    """Return the numbers in an image, shape (rows, columns); row 0 is south. Raises ValueError for missing data."""
-    values = np.asarray(image, dtype=np.float64)
-    if holes := int((values == _nodata(path, image.tag_v2)).sum()):
+def without_gaps(path: Path, values: Array, tags: Any) -> Array:
+    """Return the values of an image, shape (rows, columns), with row 0 in the south. Raise ValueError for missing
+    values."""
+    if holes := int((values == _nodata(path, tags)).sum()):
         refuse(path, f"the grid has {holes} missing values (NODATA); fill them, e.g. with gdal_fillnodata")
     return np.flipud(values)
 

@@ -26,6 +26,7 @@ CASES = {
     "faults": ("soft_tyre", {"fault": [{"kind": "payload", "mass_kg": 90.0, "ahead_m": -0.4, "start_s": 0.3}]}),
     "implement": ("plough", {}),
     "ruts": ("ruts", {}),
+    "contact": ("hills", {"plant.tyre.kind": "contact"}),
 }
 WAYS = {
     "copy": copy.copy,

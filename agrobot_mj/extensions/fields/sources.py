@@ -1,17 +1,15 @@
 """Sources of fields and plans: files, folders of AgOpenGPS or ISO 11783 task data, and zip archives."""
 
 import zipfile
-import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from lzma import LZMAError
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from xml.etree import ElementTree
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.resources import absence, refuse
+from agrobot_mj.core.resources import ZIP_ERRORS, absence, refuse
 from agrobot_mj.extensions.fields.formats import READERS
 from agrobot_mj.extensions.fields.formats.isoxml import read_task_data
 from agrobot_mj.paths.imports import ShapeFile, read_shapes
@@ -70,7 +68,7 @@ def _unpacked(path: Path) -> Iterator[Path]:
         folder = Path(place) / path.stem  # its name is the default name of a field
         try:
             _unpack(path, folder)
-        except (zipfile.BadZipFile, zlib.error, LZMAError, RuntimeError, NotImplementedError, EOFError, OSError):
+        except ZIP_ERRORS:
             refuse(path, "the zip archive is damaged or encrypted; create the archive again")
         yield folder
 

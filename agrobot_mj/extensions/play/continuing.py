@@ -1,7 +1,5 @@
 """Continuation of a run with another scenario, as if this scenario had been simulated from the start."""
 
-import numpy as np
-
 from agrobot_mj.core.errors import CommandError
 from agrobot_mj.core.kernels import fetched
 from agrobot_mj.core.signals import TICK_S
@@ -33,8 +31,7 @@ def continued(state: Snapshot, scenario: Scenario) -> Simulation:
     if state.rows.filled > scenario.ticks:
         raise CommandError(f"continued: duration_s: must be at least the current time, {t:g} s")
     stages = {**state.loop.stages, "faults": _fault_states(state, scenario, t + TICK_S / 2)}
-    with np.errstate(invalid="ignore"):  # the tyre `contact` is read once before its state is restored
-        return resumed(Simulation, state._replace(scenario=scenario, loop=state.loop._replace(stages=stages)))
+    return resumed(Simulation, state._replace(scenario=scenario, loop=state.loop._replace(stages=stages)))
 
 
 def _fault_states(state: Snapshot, scenario: Scenario, now: float) -> tuple[object, ...]:

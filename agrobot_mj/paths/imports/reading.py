@@ -83,11 +83,15 @@ def read_shapefile(path: Path) -> ShapeFile:
     try:
         with ExitStack() as opened, catch_warnings(action="ignore"):
             shp = opened.enter_context(path.open("rb"))  # without the .shx file, whose damage would omit shapes
-            geometries = [shape.__geo_interface__ for shape in shapefile.Reader(shp=shp).iterShapes()]
+            reader = shapefile.Reader(shp=shp)
+            surfaces = reader.shapeType == shapefile.MULTIPATCH
+            geometries = [] if surfaces else [shape.__geo_interface__ for shape in reader.iterShapes()]
             table = _part(path, ".dbf")
             records = _records(shapefile, table) if table else []
     except Exception as error:  # the library raises many types for damaged files
         raise ValueError(f"the shapefile is damaged ({type(error).__name__}); export the file again") from None
+    if surfaces:
+        raise ValueError("the shapefile contains 3D surfaces (MULTIPATCH); export polygons or lines")
     shapes = tuple(
         shape
         for k, geometry in enumerate(geometries)

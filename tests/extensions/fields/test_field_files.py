@@ -106,6 +106,16 @@ def test_shapefile_with_missing_or_renamed_parts_is_read(tmp_path, change):
     assert field.boundary.area == pytest.approx(AREA, rel=2e-4)
 
 
+def test_error_for_a_shapefile_of_surfaces_names_their_type(tmp_path):
+    shapefile = pytest.importorskip("shapefile")
+    with shapefile.Writer(str(tmp_path / "farm.shp"), shapeType=shapefile.MULTIPATCH) as writer:
+        writer.field("NAME", "C")
+        writer.multipatch([[[*point, 0.0] for point in RING]], partTypes=[shapefile.OUTER_RING])
+        writer.record("roof")
+    with pytest.raises(ScenarioError, match=r"contains 3D surfaces \(MULTIPATCH\); export polygons or lines"):
+        read_field(tmp_path / "farm.shp")
+
+
 def test_csv_title_row_that_starts_with_point_is_not_read_as_wkt(tmp_path):
     rows = "\n".join(f"{k},{x},{y}" for k, (x, y) in enumerate(RING))
     field = field_of(tmp_path, "survey.csv", f"point,easting_m,northing_m\n{rows}\n")

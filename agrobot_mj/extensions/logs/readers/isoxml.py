@@ -10,15 +10,14 @@ without offset when they change.
 
 import re
 import zipfile
-import zlib
 from collections.abc import Callable, Iterator
 from functools import partial
-from lzma import LZMAError
 from pathlib import Path
 from struct import Struct, error
 from typing import Literal, NamedTuple
 from xml.etree import ElementTree
 
+from agrobot_mj.core.resources import ZIP_ERRORS
 from agrobot_mj.core.table_columns import FieldLogError, check_size
 from agrobot_mj.extensions.logs.readers.base import DAY_S, Head, LogReader, ReadLog, Samples
 from agrobot_mj.extensions.logs.readers.can import SIGNALS, BusSignal
@@ -204,7 +203,7 @@ def _entries(path: Path) -> list[zipfile.ZipInfo]:
     try:
         with zipfile.ZipFile(path) as archive:
             entries = archive.infolist()
-    except (zipfile.BadZipFile, ValueError, NotImplementedError, OSError) as problem:
+    except (ValueError, *ZIP_ERRORS) as problem:
         raise FieldLogError(f"{path.name}: the file is not a valid zip archive: {problem}") from None
     if len(entries) > MOST_FILES:
         raise FieldLogError(f"{path.name}: the archive has {len(entries)} files, more than {MOST_FILES}; remove some")
@@ -239,5 +238,5 @@ def _unpack(path: Path, entry: zipfile.ZipInfo, most: int) -> bytes:
     try:
         with zipfile.ZipFile(path) as archive:
             return archive.read(entry)
-    except (zipfile.BadZipFile, zlib.error, LZMAError, RuntimeError, EOFError, OSError, NotImplementedError) as problem:
+    except ZIP_ERRORS as problem:
         raise FieldLogError(f"{where}: cannot be unpacked: {problem}") from None
