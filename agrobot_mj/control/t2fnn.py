@@ -79,7 +79,7 @@ class T2Fnn(Spec):
     """Magnitude at which inputs are clipped, the paper's B_x [unit of the input]. Assumed value to prevent overflow."""
 
     @model_validator(mode="after")
-    def _first_input_inside_every_set(self) -> Self:
+    def _check_fuzzy_sets(self) -> Self:
         for k, spread, lower, upper in (
             (1, self.spread_1, self.width_lower_1, self.width_upper_1),
             (2, self.spread_2, self.width_lower_2, self.width_upper_2),

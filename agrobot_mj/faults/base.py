@@ -23,7 +23,7 @@ class Scripted(Spec):
     """Time at which the fault ends [s]. Default: the end of the run."""
 
     @model_validator(mode="after")
-    def _ends_after_it_begins(self) -> "Scripted":
+    def _check_times(self) -> "Scripted":
         if self.end_s is not None and self.end_s <= self.start_s:
             raise ValueError(f"end_s: must be above start_s ({self.start_s:g}), got {self.end_s:g}")
         return self

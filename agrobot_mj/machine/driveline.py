@@ -91,7 +91,7 @@ class Driveline(Spec):
     tractor, scaled with mass and rear wheel radius."""
 
     @model_validator(mode="after")
-    def _releases_what_it_has(self) -> "Driveline":
+    def _check_releases(self) -> "Driveline":
         for key, needs in (
             ("lock_release_deg", "differential_lock"),
             ("front_release_deg", "front_wheel_drive"),

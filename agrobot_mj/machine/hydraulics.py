@@ -96,7 +96,7 @@ class Cylinder(Spec):
     """Damping of linkage and seals [N m s/rad]. Default: proportional to the stiffness, 400 for the compact tractor."""
 
     @model_validator(mode="after")
-    def _rod_inside_the_bore(self) -> "Cylinder":
+    def _check_rod(self) -> "Cylinder":
         if self.rod_mm >= self.bore_mm:
             raise ValueError(f"rod_mm: must be below bore_mm ({self.bore_mm:g}), got {self.rod_mm:g}")
         return self

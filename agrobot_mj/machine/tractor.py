@@ -138,7 +138,7 @@ class TractorParameters(Spec):
     """MJCF file of a user-defined body, which defines sizes and masses; docs/bodies.md lists the requirements."""
 
     @model_validator(mode="after")
-    def _size_followed(self) -> "TractorParameters":
+    def _scale_defaults(self) -> "TractorParameters":
         compact = {key: field.default for key, field in type(self).model_fields.items()}
         mass, length = self.mass_kg / compact["mass_kg"], self.wheelbase_m / compact["wheelbase_m"]
         given = "yaw_inertia_kg_m2" in self.model_fields_set
@@ -165,7 +165,7 @@ class TractorParameters(Spec):
         self.__dict__.update({f"{axle}_wheel_radius_m": size.diameter / 2, f"{axle}_wheel_width_m": size.width})
 
     @model_validator(mode="after")
-    def _wheels_beside_each_other(self) -> "TractorParameters":
+    def _check_wheel_widths(self) -> "TractorParameters":
         for key in ("front_wheel_width_m", "rear_wheel_width_m"):
             if (width := getattr(self, key)) >= self.track_m:
                 raise ValueError(

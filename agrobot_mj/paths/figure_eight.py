@@ -106,7 +106,7 @@ class FigureEight(Transitions, ReferencePath):
     """Number of laps [-]. Paper."""
 
     @model_validator(mode="after")
-    def _checked(self) -> Self:
+    def _check_lengths(self) -> Self:
         self.check()
         return self
 

@@ -152,7 +152,7 @@ class Timed(ReferencePath):
     """Whether the path geometry is read from a file. If so, `check` builds the geometry in place of the constructor."""
 
     @model_validator(mode="after")
-    def _has_a_course(self) -> Self:
+    def _check_course(self) -> Self:
         if not self.reads_file:
             self.check()
         return self

@@ -143,7 +143,7 @@ class Tables(Spec):
         return f"{self.guidance.kind} with {self.controller.kind}" if takes else self.guidance.kind
 
     @model_validator(mode="after")
-    def _size_followed(self) -> Self:
+    def _scale_to_machine(self) -> Self:
         ratios = ratios_of(self.tractor, self.driveline, self.implement)
         if any(ratio != 1.0 for ratio in ratios.values()):
             parts = {name: part for name in type(self).model_fields if isinstance(part := getattr(self, name), Spec)}
@@ -151,20 +151,20 @@ class Tables(Spec):
         return self
 
     @model_validator(mode="after")
-    def _gains_filled(self) -> Self:
+    def _fill_gains(self) -> Self:
         for key, value in gains_of(self.law, self.guidance, self.gains).items():
             fill(self, key.split("."), value)
         return self
 
     @model_validator(mode="after")
-    def _slip_expected(self) -> Self:
+    def _fill_slip_noise(self) -> Self:
         pulled = getattr(self.implement, "lowered", False) or any(fault.kind == "drawbar" for fault in self.fault)
         if isinstance(self.estimator, EkfFull) and not pulled:
             fill(self, ["estimator", "unseen_slip_walk_rt_s"], 0.0)
         return self
 
     @model_validator(mode="after")
-    def _parts_fit(self) -> Self:
+    def _check_combinations(self) -> Self:
         if errors := _contradictions(self):
             raise ValueError("\n".join(errors))
         return self

@@ -49,7 +49,7 @@ class Canopy(Spec):
     resolution."""
 
     @model_validator(mode="after")
-    def _encloses_an_area(self) -> "Canopy":
+    def _check_outline(self) -> "Canopy":
         check_polygon(self.points)
         return self
 

@@ -63,7 +63,7 @@ class Potentiometer(Sensor):
     """Polynomial order of the Savitzky-Golay filter [-]. Assumed value (range 2-4)."""
 
     @model_validator(mode="after")
-    def _filter_fits(self) -> "Potentiometer":
+    def _check_filter(self) -> "Potentiometer":
         if self.savgol_window % 2 == 0:
             raise ValueError(f"savgol_window: must be odd, got {self.savgol_window}; try {self.savgol_window + 1}")
         if self.savgol_window > self.samples:

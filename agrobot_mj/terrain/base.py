@@ -26,7 +26,7 @@ class Sized(Spec):
     """Size of a rectangular field centred at the origin, (east, north) [m], in place of `half_size_m`."""
 
     @model_validator(mode="after")
-    def _has_one_size(self) -> Self:
+    def _check_field_size(self) -> Self:
         if self.size_m is not None and "half_size_m" not in self.model_fields_set:
             # the rectangle replaces the default permanently: the resolved scenario must not contain both
             object.__setattr__(self, "half_size_m", None)

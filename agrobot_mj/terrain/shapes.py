@@ -34,7 +34,7 @@ class Special(Spec):
     """Side length of the grid cells that represent the shape [m]. The minimum of all patches applies to all patches."""
 
     @model_validator(mode="after")
-    def _is_named(self) -> Self:
+    def _fill_from_surface(self) -> Self:
         if self.surface is not None:
             for key, value in NAMED[self.surface]._asdict().items():
                 fill(self, [key], value)
@@ -120,7 +120,7 @@ class PolygonPatch(Special):
     """Corners [east, north], clockwise or counter-clockwise [m]; the last corner is connected to the first corner."""
 
     @model_validator(mode="after")
-    def _has_corners(self) -> "PolygonPatch":
+    def _check_corners(self) -> "PolygonPatch":
         check_polygon(self.points)
         return self
 
@@ -160,7 +160,7 @@ class PicturePatch(Special):
     """Cone index at white pixels, interpolated linearly for grey pixels [kPa]. Default: `cone_index_kpa`."""
 
     @model_validator(mode="after")
-    def _has_both_ends(self) -> "PicturePatch":
+    def _check_white_value(self) -> "PicturePatch":
         if self.cone_index_kpa is None and self.cone_index_white_kpa is not None:
             raise ValueError("cone_index_white_kpa: needs cone_index_kpa, the value where the image is black")
         if self.cone_index_white_kpa is not None:

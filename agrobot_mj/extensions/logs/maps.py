@@ -60,7 +60,7 @@ class SteerColumn(MeasuredColumn):
     """Time over which the sensor averages [s]. Add half of this time to `delay_s`."""
 
     @model_validator(mode="after")
-    def _has_wheelbase(self) -> "SteerColumn":
+    def _check_wheelbase(self) -> "SteerColumn":
         if self.unit == "1/m" and self.wheelbase_m is None:
             raise ValueError('wheelbase_m: is missing for unit = "1/m"; set the wheelbase of the vehicle [m]')
         if self.unit != "1/m" and self.wheelbase_m is not None:
@@ -156,7 +156,7 @@ class PositionColumns(Spec):
     """Latency of the position [s]."""
 
     @model_validator(mode="after")
-    def _one_pair(self) -> "PositionColumns":
+    def _check_position_columns(self) -> "PositionColumns":
         geodetic, local = (self.latitude, self.longitude), (self.east, self.north)
         if (None in geodetic) == (None in local) or (any(geodetic) and any(local)):
             raise ValueError("latitude: specify either latitude and longitude, or east and north")
@@ -194,7 +194,7 @@ class LogMap(Spec):
     """Columns of the position of a tractor point, usually the antenna."""
 
     @model_validator(mode="after")
-    def _says_enough(self) -> "LogMap":
+    def _check_columns(self) -> "LogMap":
         if self.steer is None and self.valve is None:
             raise ValueError("steer: the table is missing; add [steer] for the wheel angle or [valve] for the voltage")
         if self.yaw_rate is None and self.heading is None and self.position is None:

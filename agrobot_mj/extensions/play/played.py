@@ -55,7 +55,7 @@ class Played(GuidanceLaw):
 
     @field_validator("laws")
     @classmethod
-    def _known(cls, laws: tuple[dict[str, Any], ...]) -> tuple[dict[str, Any], ...]:
+    def _check_laws(cls, laws: tuple[dict[str, Any], ...]) -> tuple[dict[str, Any], ...]:
         for k, table in enumerate(laws):
             law_of(table, f"laws[{k}]")
         return laws

@@ -112,7 +112,7 @@ class Steps(ValueList):
     """Spacing of the values, negative for descending values."""
 
     @model_validator(mode="after")
-    def _gets_there(self) -> "Steps":
+    def _check_step(self) -> "Steps":
         if not float(self.step) or self._gaps < 0:
             raise ValueError(f"step: {self.step} never leads from {self.start} to {self.stop}; change its sign or size")
         if self._gaps > MOST_VALUES - 1:

@@ -99,7 +99,7 @@ class SweepFile(Spec):
         return self.method in ("screening", "saltelli")
 
     @model_validator(mode="after")
-    def _named_once(self) -> "SweepFile":
+    def _check_names(self) -> "SweepFile":
         if errors := list(self._clashes()):
             raise ValueError("\n".join(errors))
         return self
