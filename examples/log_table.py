@@ -22,7 +22,7 @@ from typing import Any
 from agrobot_mj.cli.options import overrides
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.markdown import markdown_table
-from agrobot_mj.core.table_columns import Source, loaded
+from agrobot_mj.core.table_columns import Source, load_table
 from agrobot_mj.core.version import __version__
 from agrobot_mj.extensions.logs.calibrate import calibrate
 from agrobot_mj.extensions.logs.maps import LogMap, read_map
@@ -47,7 +47,7 @@ def opened(log: dict[str, Any], folder: Path) -> tuple[list[Source], LogMap, Sce
     scenario = load_scenario("straight_line", overrides(log.get("set")))
     found = [open_log(folder / file) for file in log["files"]]
     log_map = read_map(folder / log["map"]) if "map" in log else found[0].checked_map()
-    return [loaded(each.source) for each in found], log_map, scenario
+    return [load_table(each.source) for each in found], log_map, scenario
 
 
 def cells(log: dict[str, Any], folder: Path) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.results import atomic
 from agrobot_mj.simulation.run import run
-from agrobot_mj.studies.pages.drive import enlarged, enlargement, implement_of, magnification_text
+from agrobot_mj.studies.pages.drive import enlarge, enlargement, implement_of, magnification_text
 from agrobot_mj.studies.style import COLOURS, STYLE, law_name
 from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.grid import heights
@@ -79,7 +79,7 @@ def draw_map(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
     }
     times = enlargement(signals.values())
     tracks = {
-        kind: [np.stack(enlarged(s, times), 1) for s in (own, implement_of(own)) if s] for kind, own in signals.items()
+        kind: [np.stack(enlarge(s, times), 1) for s in (own, implement_of(own)) if s] for kind, own in signals.items()
     }
     points = np.concatenate([path, *itertools.chain(*tracks.values())])
     points = points[np.isfinite(points).all(axis=1)]

@@ -24,7 +24,7 @@ from agrobot_mj.core.identity import PROGRAM, code_text
 from agrobot_mj.core.resources import sweep_files
 from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.results import write_json
-from agrobot_mj.studies.engine import spread
+from agrobot_mj.studies.engine import pool_map
 from agrobot_mj.studies.sweep import SweepOptions, sweep
 from agrobot_mj.studies.sweep.store import TABLE, read_rows
 
@@ -93,7 +93,7 @@ class Study:
             folder.mkdir(parents=True, exist_ok=True)
             todo = [file for file in files if not file.exists()]
             with tally(f"{name}: {len(todo)} tasks", len(todo)) as advance:
-                for file, row in spread(partial(_at, perform, files), todo, self.jobs):
+                for file, row in pool_map(partial(_at, perform, files), todo, self.jobs):
                     write_json(file, row)
                     advance()
         return [json.loads(file.read_text("utf-8")) for file in files] if all(map(Path.exists, files)) else []

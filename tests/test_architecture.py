@@ -13,7 +13,7 @@ import pytest
 
 import agrobot_mj
 from agrobot_mj.core.kernel_cache import MAKES_KERNELS, PARTS
-from agrobot_mj.core.resources import installed
+from agrobot_mj.core.resources import entry_points_of
 
 PACKAGE = Path(agrobot_mj.__file__).parent
 LAYERS = [
@@ -98,7 +98,7 @@ def test_extensions_do_not_import_each_other(name):
 
 def test_core_code_does_not_mention_kinds_defined_in_extensions():
     import_module("agrobot_mj.scenario")  # loads the kinds; one that is imported first would import itself
-    entries = [entry for entry in installed("plugins") if entry.module.startswith("agrobot_mj.extensions.")]
+    entries = [entry for entry in entry_points_of("plugins") if entry.module.startswith("agrobot_mj.extensions.")]
     kinds = [kind.model_fields["kind"].default for entry in entries for kind in entry.load()]
     assert "learned_feedforward" in kinds or "learners" not in EXTENSIONS
     core = [file for part in LAYERS[:-1] for file in files_of(part)]

@@ -161,7 +161,7 @@ def test_interrupted_snapshot_leaves_no_viewer_process(call, monkeypatch):
 
     Path("run.rrd").write_bytes(b"RRF2")
     monkeypatch.setattr(snapshot, "RERUN", (sys.executable, "-c", "import time; time.sleep(60)"))
-    monkeypatch.setattr(snapshot, "_connected", stopped)
+    monkeypatch.setattr(snapshot, "_connect_viewer", stopped)
     assert call("snapshot", "run.rrd")[0] == 130
     assert processes[0].poll() is not None
 

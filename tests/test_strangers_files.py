@@ -93,7 +93,7 @@ def place(tmp_path, monkeypatch):
     layout = {0: {"ContainerBlueprint": {}}}
     viewer = SimpleNamespace(set_blueprint=lambda *_: None)
     monkeypatch.setattr(snapshot, "_viewer", lambda *_: nullcontext(viewer))
-    monkeypatch.setattr(snapshot, "_opened", lambda *_: layout)
+    monkeypatch.setattr(snapshot, "_open_recording", lambda *_: layout)
     monkeypatch.setattr(snapshot, "_tabs", lambda *_: (0, {"Drive": 0}))
     monkeypatch.setattr(snapshot, "_end", lambda *_: 60.0)
     monkeypatch.setattr(snapshot, "_picture", lambda *_: b"png")

@@ -29,7 +29,7 @@ from agrobot_mj.cli.app import app
 from agrobot_mj.cli.interrupts import interruptible
 from agrobot_mj.cli.output import say
 from agrobot_mj.cli.panels import split_command
-from agrobot_mj.core.errors import ScenarioError, bounded, missing_extra
+from agrobot_mj.core.errors import ScenarioError, missing_extra, shorten_lines
 
 __all__ = ["app", "main"]
 
@@ -53,7 +53,7 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):  # terminals show characters outside their encoding as escape sequences
             stream.reconfigure(errors="backslashreplace")
     try:
-        status, message = _called()
+        status, message = _exit_status_and_message()
     except ScenarioError as error:
         status, message = 2, str(error)
     except ModuleNotFoundError as error:
@@ -67,11 +67,11 @@ def main() -> None:
         status, message = 1, _of_plugin(error)
         if not message:
             raise
-    if message := bounded(message):
+    if message := shorten_lines(message):
         print(message, file=sys.stderr)
         if FLAG in sys.argv:
             say(document(split_command(sys.argv[1:])[0], status, message, {}))
-    raise SystemExit(_flushed(status))
+    raise SystemExit(_flush_stdout(status))
 
 
 def _of_plugin(error: Exception) -> str:
@@ -87,7 +87,7 @@ def _of_plugin(error: Exception) -> str:
     return _of_plugin(error.__cause__) if isinstance(error.__cause__, Exception) else ""
 
 
-def _called() -> tuple[int, str]:
+def _exit_status_and_message() -> tuple[int, str]:
     try:
         Path.cwd()
     except FileNotFoundError:
@@ -97,7 +97,7 @@ def _called() -> tuple[int, str]:
         with interruptible():
             status = app(standalone_mode=False)
     except USAGE_ERROR as error:  # for example an unknown option
-        if hint := meant(error):
+        if hint := suggest_option(error):
             error.possibilities = None  # suggestions of merely similar options
         if invalid := getattr(error.__cause__, "errors", None):  # a pydantic.ValidationError
             from agrobot_mj.core.messages import fault
@@ -113,7 +113,7 @@ def _called() -> tuple[int, str]:
     return status, "interrupted before the end" if status == BROKEN_OFF else ""
 
 
-def _flushed(status: int) -> int:
+def _flush_stdout(status: int) -> int:
     """Flush stdout and return `status`. A closed pipe or a full disk does not change the exit status."""
     try:
         sys.stdout.flush()
@@ -135,7 +135,7 @@ OTHER_WORDS = {"law": "guidance", "laws": "guidance"}
 """Scenario tables, keyed by words that users often type instead."""
 
 
-def meant(error: Any) -> str:
+def suggest_option(error: Any) -> str:
     """Return a suggestion that ends the message of a usage error, such as `use --set seed=3`, or an empty string."""
     if (context := error.ctx) is None:
         return ""

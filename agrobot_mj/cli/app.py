@@ -13,44 +13,44 @@ import typer
 from agrobot_mj.cli import authoring, recordings, runs, sweeps
 from agrobot_mj.cli.answers import with_json
 from agrobot_mj.cli.options import with_machine, with_plugins
-from agrobot_mj.cli.panels import COMMANDS, HelpEntry, PanelledGroup, command_name, listed
+from agrobot_mj.cli.panels import COMMANDS, HelpEntry, PanelledGroup, command_name, help_entry
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.resources import installed
+from agrobot_mj.core.resources import entry_points_of
 from agrobot_mj.core.version import __version__
 
 Commands = Mapping[Callable[..., Any], HelpEntry | Sequence[str]]
 """Command functions, each with its help entry, or with only its examples for the panel `Other commands`."""
 CORE: Commands = {
-    runs.run: listed(
+    runs.run: help_entry(
         "Run",
         "run circle",
         "run circle --set path.radius_m=6 --set plant.tyre.kind=soil --out runs/mine",
         "run side_slope_10 --machine row_crop --no-rrd --json",
     ),
-    recordings.view: listed("Run", "view runs/mine/run.rrd", "view runs/mine/run.rrd --web"),
-    recordings.snapshot: listed("Run", "snapshot runs/mine/run.rrd --at 5,60,120 --out pictures", advanced=True),
-    runs.compare: listed(
+    recordings.view: help_entry("Run", "view runs/mine/run.rrd", "view runs/mine/run.rrd --web"),
+    recordings.snapshot: help_entry("Run", "snapshot runs/mine/run.rrd --at 5,60,120 --out pictures", advanced=True),
+    runs.compare: help_entry(
         "Compare",
         "compare figure_eight --controllers pd,pd_t2fnn --seeds 3 --jobs 2",
         "compare side_slope_10 --guidance lqr,stanley --plants mujoco",
         'compare circle --variant "new:" --variant "worn: steering.valve.dead_band_v=0.8"',
     ),
-    sweeps.sweep: listed(
+    sweeps.sweep: help_entry(
         "Compare",
         "sweep validity --jobs 2",
         "sweep mine.toml --shard 1/4 --out part1",
         "sweep --merge part1 part2 --out whole",
     ),
-    sweeps.report: listed(
+    sweeps.report: help_entry(
         "Compare",
         "report runs/sweep-mine",
         "report runs/mine --share",
         "report runs/sweep-importance --metric lateral_rms",
     ),
-    authoring.list_: listed("Write scenarios", "list", "list --machines", "list --kinds --json"),
-    authoring.explain: listed("Write scenarios", "explain tractor.mass_kg", "explain terrain"),
-    authoring.init: listed("Write scenarios", "init my_field"),
-    authoring.schema: listed("Write scenarios", "schema > scenario.schema.json", advanced=True),
+    authoring.list_: help_entry("Write scenarios", "list", "list --machines", "list --kinds --json"),
+    authoring.explain: help_entry("Write scenarios", "explain tractor.mass_kg", "explain terrain"),
+    authoring.init: help_entry("Write scenarios", "init my_field"),
+    authoring.schema: help_entry("Write scenarios", "schema > scenario.schema.json", advanced=True),
 }
 WIDEST = 74  # Maximum line length of an example [characters], for terminals with 80 columns
 
@@ -59,15 +59,15 @@ def epilog(examples: Sequence[str]) -> str:
     """Return the example commands as the end of a command's help text. Long lines are continued with a backslash."""
     if not examples:
         return ""
-    lines = [line for example in examples for line in _folded(f"agrobot-mj {example}")]
+    lines = [line for example in examples for line in _wrap_at_options(f"agrobot-mj {example}")]
     return "\n".join(["\b", "Examples:", *(f"  {line}" for line in lines)])
 
 
-def _folded(text: str) -> list[str]:
+def _wrap_at_options(text: str) -> list[str]:
     """Split a command line at its options into lines of at most `WIDEST` characters."""
     if len(text) <= WIDEST or (at := text.rfind(" --", 0, WIDEST - 1)) < 0:
         return [text]
-    return [f"{text[:at]} \\", *(f"    {line}" for line in _folded(text[at + 1 :]))]
+    return [f"{text[:at]} \\", *(f"    {line}" for line in _wrap_at_options(text[at + 1 :]))]
 
 
 app = typer.Typer(
@@ -87,12 +87,12 @@ def _add(commands: Commands) -> None:
             raise ScenarioError(f"a command {name} already exists")
         shown = given if isinstance(given, HelpEntry) else HelpEntry(given)
         command = function if function in ON_RECORDINGS else with_json(with_plugins(with_machine(function)))
-        command = _renamed(command, shown.now) if shown.now else command
+        command = _deprecated_alias(command, shown.now) if shown.now else command
         app.command(name, epilog=epilog(shown.examples), hidden=bool(shown.now))(command)
         COMMANDS[name] = shown
 
 
-def _renamed(command: Callable[..., Any], now: str) -> Callable[..., Any]:
+def _deprecated_alias(command: Callable[..., Any], now: str) -> Callable[..., Any]:
 
     @wraps(command)
     def begun(*given: Any, **options: Any) -> Any:
@@ -107,7 +107,7 @@ def _renamed(command: Callable[..., Any], now: str) -> Callable[..., Any]:
 
 ON_RECORDINGS = (recordings.view, recordings.snapshot)
 _add(CORE)
-for entry in installed("commands"):
+for entry in entry_points_of("commands"):
     try:
         _add(entry.load())
     except Exception as error:  # errors of installed packages do not affect other commands

@@ -14,7 +14,7 @@ from typing import Annotated, Any, NamedTuple
 
 import typer
 
-from agrobot_mj.core.errors import ScenarioError, shortened
+from agrobot_mj.core.errors import ScenarioError, shorten
 from agrobot_mj.core.resources import scenario_files
 from agrobot_mj.simulation.results import check_folder
 
@@ -85,16 +85,16 @@ def overrides(sets: list[str] | None, option: str = "--set") -> dict[str, Any]:
     for text in sets or []:
         key, equals, value = utf8(text, option).partition("=")
         if not equals or not key.strip():
-            raise ScenarioError(f"{option} {shortened(text)}: the override must have the form key=value")
+            raise ScenarioError(f"{option} {shorten(text)}: the override must have the form key=value")
         try:
             parsed = tomllib.loads(f"v = {value}")
         except tomllib.TOMLDecodeError:
             parsed = {"v": value.strip()}
         except (ValueError, RecursionError):
-            raise ScenarioError(f"{option} {shortened(text)}: the value has too many digits or brackets") from None
+            raise ScenarioError(f"{option} {shorten(text)}: the value has too many digits or brackets") from None
         if len(parsed) > 1:
             raise ScenarioError(
-                f"{option} {shortened(text)}: the text contains more than one value; use one {option} per value"
+                f"{option} {shorten(text)}: the text contains more than one value; use one {option} per value"
             )
         found[key.strip()] = parsed["v"]
     return found
@@ -105,7 +105,7 @@ def utf8(text: str, option: str) -> str:
     try:
         return os.fsencode(text).decode("utf-8")
     except UnicodeError:
-        shown = shortened(ascii(text))
+        shown = shorten(ascii(text))
         raise ScenarioError(f"{option} {shown}: the text is not valid UTF-8; specify the text in UTF-8") from None
 
 

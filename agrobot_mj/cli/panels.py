@@ -22,7 +22,7 @@ class HelpEntry(NamedTuple):
     """Replacement of a deprecated command. Deprecated commands are hidden and will be removed in the next version."""
 
 
-def listed(panel: str, *examples: str, advanced: bool = False) -> HelpEntry:
+def help_entry(panel: str, *examples: str, advanced: bool = False) -> HelpEntry:
     """Return the help entry of a command with its panel and its example command lines."""
     return HelpEntry(examples, panel, advanced)
 

@@ -43,7 +43,7 @@ def run(
     from agrobot_mj.metrics.lag import lag_of
     from agrobot_mj.metrics.success import error_of
     from agrobot_mj.scenario.loading import load_scenario
-    from agrobot_mj.simulation.progress import Progress, elapsed
+    from agrobot_mj.simulation.progress import Progress, print_elapsed
     from agrobot_mj.simulation.results import results
     from agrobot_mj.simulation.run import run as run_scenario
     from agrobot_mj.simulation.storage import can_record, files_of_run, write_log
@@ -56,7 +56,7 @@ def run(
     watchers = (*(() if quiet else (Progress(waiting.close),)), *recordings(folder, recorded, live))
     said = print_hints([scenario], quiet)
     with waiting, results(folder, files_of_run(scenario)), stop_on_signals() as stopped, compiling_beside(scenario):
-        waiting.enter_context(elapsed(f"{scenario.name}: starting, which compiles the first time", quiet))
+        waiting.enter_context(print_elapsed(f"{scenario.name}: starting, which compiles the first time", quiet))
         log = run_scenario(scenario, watchers, stopped)
         write_log(log, folder, recorded=recorded)
     rms = error_of({**log.metrics, "outcome": log.outcome, "expected": log.as_expected}, "lateral_rms")
@@ -92,10 +92,10 @@ def answer(log: "Log", folder: Path, hints: list[str], about: list[str]) -> Answ
     warnings = [f"{s.name}: {text}" for text in (metrics.get("estimate_warning"), drift_text(metrics)) if text]
     lines = [", ".join([f"{s.name}: {log.outcome}", *about, str(folder)]), *([parts] if parts else []), *warnings]
     content = {**end, "folder": str(folder), "hints": [*hints, *warnings], "attribution": parts, "metrics": metrics}
-    return Answer(content, "\n".join(lines), _unexpected(log))
+    return Answer(content, "\n".join(lines), _outcome_warning(log))
 
 
-def _unexpected(log: "Log") -> str:
+def _outcome_warning(log: "Log") -> str:
     """Return a message about an unexpected outcome, or an empty string for an outcome that the scenario expects."""
     if log.as_expected:
         return ""

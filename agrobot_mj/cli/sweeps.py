@@ -61,13 +61,13 @@ def sweep(
 
 
 def _merge(sources: list[str], out: Path | None, quiet: bool) -> None:
-    from agrobot_mj.studies.sweep import merged
+    from agrobot_mj.studies.sweep import merge_results
 
     folders = [Path(source) for source in sources if Path(source).is_dir()]
     files = [source for source in sources if not Path(source).is_dir()]
     name = f"sweep-{Path(files[0]).stem}" if files else "sweep-merged"
     folder = results_folder(out, name) if out or files or len(folders) > 1 else folders[0]
-    rows, total = merged([*folders, *([folder] if folder.is_dir() and (files or not folders) else [])], folder)
+    rows, total = merge_results([*folders, *([folder] if folder.is_dir() and (files or not folders) else [])], folder)
     if not quiet:
         print(f"{rows:,} of {total:,} runs; results in {folder / 'sweep.parquet'}")
     if rows < total:
@@ -100,11 +100,11 @@ def report(
     The file works offline, with zoomable curves, maps and rankings. With --share a second file contains the recording
     and its viewer.
     """
-    from agrobot_mj.simulation.progress import elapsed
+    from agrobot_mj.simulation.progress import print_elapsed
     from agrobot_mj.studies.pages import write_report
 
     recording = recording_of(folder) if share else None
-    with elapsed(f"{folder}: writing the report", quiet):
+    with print_elapsed(f"{folder}: writing the report", quiet):
         written = write_report(folder, metric)
         if recording:
             written += share_files(recording)

@@ -97,13 +97,13 @@ class Cascade(GuidanceLaw):
         """Return the function and data for ticks in compiled code, or None if the next tick needs Python."""
         from agrobot_mj.control import cascade_tick  # imports this module
 
-        return cascade_tick.linked(self, state, machine)
+        return cascade_tick.tick_link(self, state, machine)
 
     def resumed(self, state: CascadeState, found: Held[Any], followed: Any, shown: Any) -> CascadeState:
         """Return the state after ticks in compiled code; `found` is their last state."""
         from agrobot_mj.control import cascade_tick
 
-        return cascade_tick.resumed(self, state, found)
+        return cascade_tick.state_after_ticks(self, state, found)
 
     def feedback(self, state: CascadeState, command: Command) -> float:
         """Return the steering angle of the yaw controller [rad] in the last tick, without feed-forward."""

@@ -19,18 +19,18 @@ from agrobot_mj.control.kinematic import (
     approach,
     feasible,
     gain_scale,
-    inverted,
+    inverse_kinematics,
     onward,
     scaled_saturation,
 )
 from agrobot_mj.control.pid import clip
-from agrobot_mj.core.calls import Linked, address_of, called
+from agrobot_mj.core.calls import Linked, address_of, caller_of
 from agrobot_mj.core.held import Held
 from agrobot_mj.core.kernels import fetched, held, stage
 from agrobot_mj.core.signals import Matrix, Reference, Vector
 from agrobot_mj.machine.tractor import TractorParameters
 
-_controller = called(controller_form)
+_controller = caller_of(controller_form)
 
 
 class CascadeNumbers(NamedTuple):
@@ -74,7 +74,7 @@ def cascade_tick(
     vx, vy = approach(scaled_saturation(p.saturation, p.above, r) if p.scales else p.saturation, p.gain, e, r)
     if p.ends_turns:
         vx, vy = onward(vx, vy, r)
-    speed, yaw_rate = inverted(vx, vy, e.yaw, p.l_r)
+    speed, yaw_rate = inverse_kinematics(vx, vy, e.yaw, p.l_r)
     if p.ends_turns:
         yaw_rate = feasible(yaw_rate, r, e.speed, (p.steer_limit, p.l_r, p.wheelbase))
     limit, error = steer_limit_at(e.speed, p.lateral_acceleration, p.wheelbase, p.steer_limit), yaw_rate - e.yaw_rate
@@ -96,7 +96,7 @@ def cascade_tick(
     return held(after), Followed(nan, steer, 0.0, nan, nan, nan, 0.0, speed), -inf, reported
 
 
-def linked(law: Cascade, state: CascadeState, machine: TractorParameters) -> Linked | None:
+def tick_link(law: Cascade, state: CascadeState, machine: TractorParameters) -> Linked | None:
     """Return function and data for ticks in compiled code, or None if the next tick of the controller needs Python."""
     outer: CascadeLaw = law.law
     if (controller := law.controller.linked(state.controller)) is None:
@@ -125,7 +125,7 @@ def linked(law: Cascade, state: CascadeState, machine: TractorParameters) -> Lin
     return Linked(cascade_tick, held(numbers), held(memory), unknown, preview_s)
 
 
-def resumed(law: Cascade, state: CascadeState, found: Held[CascadeMemory]) -> CascadeState:
+def state_after_ticks(law: Cascade, state: CascadeState, found: Held[CascadeMemory]) -> CascadeState:
     """Return the state of the cascade after ticks in compiled code; `found` is their last state."""
     now = fetched(found)
     controller = law.controller.resumed(state.controller, now.controller, now.shown)

@@ -131,7 +131,7 @@ def _behind(s: float, lag: float, leg: tuple[float, float]) -> float:
 
 
 @jit
-def deviated(
+def path_deviation(
     limits: CommandLimits, place: PathPoint, direction: float, rolling: tuple[float, float], curvatures: Vector,
     seen: Situated,
 ) -> PathDeviation:  # fmt: skip
@@ -173,7 +173,7 @@ def deviated_on(
     place = nearest_point(samples, e.x, e.y, seen.near, seen.low, seen.high)
     direction = direction_of(r, last, place)
     curvatures, most = curvatures_at(samples, lookback(limits, place, direction, seen, rolling[0]))
-    return deviated(limits, place, direction, rolling, curvatures, seen), most
+    return path_deviation(limits, place, direction, rolling, curvatures, seen), most
 
 
 @shared
@@ -197,7 +197,7 @@ def sideslip(route: Route, s: float, direction: float, leg: tuple[float, float],
 
 
 @jit
-def followed(
+def limited_commands(
     limits: CommandLimits,
     deviation: PathDeviation,
     r: Reference,
@@ -232,7 +232,7 @@ def followed(
 
 
 @jit
-def reported(found: Followed, integral: float) -> Vector:
+def integral_columns(found: Followed, integral: float) -> Vector:
     """Return the values of the log columns of `Integrating`, given the result of a tick and the integral term [rad]."""
     return np.array((found.s, found.cross_track, found.heading, found.steer_ahead, integral))
 

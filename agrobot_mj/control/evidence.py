@@ -53,7 +53,7 @@ class Sensed(NamedTuple):
     specific_force: tuple[float, float, float]  # Specific force from the inertial unit [m/s2], forward, left and up
 
 
-def seen(m: Measurement) -> tuple[Sensed, Fix, int]:
+def sensor_numbers(m: Measurement) -> tuple[Sensed, Fix, int]:
     """Return numbers for compiled kernels: the measurements of a tick, and separately the fix (NaN if missing) and its
     quality."""
     unit = m.readings.get("imu")

@@ -27,10 +27,10 @@ from agrobot_mj.control.deviation import (
     Followed,
     PathDeviation,
     Situated,
-    deviated,
     direction_of,
-    followed,
+    limited_commands,
     lookback,
+    path_deviation,
 )
 from agrobot_mj.core.calls import Linked
 from agrobot_mj.core.contracts import is_compiled
@@ -47,7 +47,7 @@ DISTURBANCE_COLUMNS = (
 """Log columns of the estimated heading and curvature disturbances."""
 
 
-_lookback, _deviated, _followed = stage(lookback), stage(deviated), stage(followed)
+_lookback, _deviated, _followed = stage(lookback), stage(path_deviation), stage(limited_commands)
 
 
 class FollowingLaw(NamedTuple):

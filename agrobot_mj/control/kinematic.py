@@ -42,7 +42,7 @@ def approach(saturation: float, gain: float, estimate: Estimate, r: Reference) -
 
 
 @shared
-def inverted(vx: float, vy: float, psi: float, l_r: float) -> tuple[float, float]:
+def inverse_kinematics(vx: float, vy: float, psi: float, l_r: float) -> tuple[float, float]:
     """Return the speed [m/s] and the yaw rate [rad/s] that give the CG the velocity (`vx`, `vy`) [m/s], east and north.
 
     `psi` [rad] is the heading, and `l_r` [m] the distance from the CG to the rear axle.
@@ -125,7 +125,7 @@ class CascadeLaw(GuidanceLaw):
         vx, vy = approach(self.saturation(reference), self.gain_per_m, estimate, reference)
         if self.ends_turns:
             vx, vy = onward(vx, vy, reference)
-        return inverted(vx, vy, estimate.yaw, cg_to_rear_axle)
+        return inverse_kinematics(vx, vy, estimate.yaw, cg_to_rear_axle)
 
     def saturation(self, reference: Reference) -> float:
         """Return the maximum correction velocity k_s [m/s] for the speed of the reference."""

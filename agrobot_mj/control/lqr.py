@@ -40,8 +40,8 @@ from agrobot_mj.control.deviation import (
     PathDeviation,
     Situated,
     deviated_on,
-    followed,
-    reported,
+    integral_columns,
+    limited_commands,
 )
 from agrobot_mj.control.following import Integrating
 from agrobot_mj.core.held import Held
@@ -99,7 +99,7 @@ def steering(
     steer: float, dt: float,
 ) -> tuple[LqrState, float]:  # fmt: skip
     """Return the new state and steering angle [rad]; `limits` [rad] are the maximum approach and integral angles."""
-    row = _scheduled(memory.table, deviation.speed)
+    row = _gains_at_speed(memory.table, deviation.speed)
     n = (row.size + 1) // 2
     k, transient, first = row[:n], row[n:], memory.errors.size == 0
     errors, delayed = np.zeros(n - 1), np.zeros(memory.delayed.size)
@@ -125,7 +125,7 @@ def steering(
 
 
 @jit
-def _scheduled(table: Matrix, speed: float) -> Vector:
+def _gains_at_speed(table: Matrix, speed: float) -> Vector:
     """Return the gains and ratios P_qx / P_qq of `_gains`, interpolated at `speed` [m/s] (negative in reverse)."""
     n = len(SPEEDS)
     u, first = min(max(abs(speed), SPEEDS[0]), SPEEDS[-1]), n if speed < 0 else 0
@@ -154,8 +154,8 @@ def _tick(
     deviation, most = deviated_on(p.limits, last[0], samples, seen, r, rolling(p.slip, e.speed))
     limits = p.approach, p.integral
     after, wanted = steering(limits, fetched(memory), deviation, e.speed, e.aligned, seen.steer, dt)
-    found = followed(p.limits, deviation, r, seen, wanted, last[1], dt)
-    return held(after), found, most, reported(found, after.integral)
+    found = limited_commands(p.limits, deviation, r, seen, wanted, last[1], dt)
+    return held(after), found, most, integral_columns(found, after.integral)
 
 
 _steering = stage(steering)
@@ -229,7 +229,7 @@ class Lqr(Integrating):
 
     def gains(self, machine: TractorParameters, speed: float) -> list[float]:
         """Return the feedback gains for path errors, steering angle, delayed commands and integral at a speed [m/s]."""
-        found = _scheduled(_table(self, machine), speed)
+        found = _gains_at_speed(_table(self, machine), speed)
         return [float(gain) for gain in found[: (found.size + 1) // 2]]
 
     def rolling(self, situation: Situation) -> tuple[float, float]:
@@ -260,7 +260,7 @@ def _gains(law: Lqr, machine: TractorParameters, u: float) -> tuple[Array, Array
 
     a, wheelbase = rolling(slip_of(law, machine), u)
     n = round(law.steering_delay_s / TICK_S)
-    A, B = _sampled(a, u / wheelbase, u, law.steering_lag_s, n)
+    A, B = _discrete_model(a, u / wheelbase, u, law.steering_lag_s, n)
     rate = np.zeros(4 + n)
     rate[2], answered = -1 / law.steering_lag_s, 1 / law.steering_lag_s
     if n:
@@ -278,7 +278,7 @@ def _gains(law: Lqr, machine: TractorParameters, u: float) -> tuple[Array, Array
     return (K, P[-1, :-1] / P[-1, -1]) if law.integral_m_s else (np.append(K, 0.0), np.zeros(3 + n))
 
 
-def _sampled(a: float, turn: float, u: float, lag: float, n: int) -> tuple[Array, Array]:
+def _discrete_model(a: float, turn: float, u: float, lag: float, n: int) -> tuple[Array, Array]:
     """Return the discrete state and input matrices of the lateral motion for a time step of one tick.
 
     States: cross-track error, heading error, steering angle, n delayed commands, integral of the cross-track error. `a`

@@ -26,7 +26,7 @@ from agrobot_mj.control.base import Situation
 from agrobot_mj.control.deviation import STEEP, PathDeviation, sideslip
 from agrobot_mj.control.following import DISTURBANCE_COLUMNS, Following, FollowingState
 from agrobot_mj.control.pid import clip
-from agrobot_mj.core.errors import required
+from agrobot_mj.core.errors import import_extra
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import TICK_S, Array, Column
 from agrobot_mj.core.spec import NonNegative, Positive
@@ -240,4 +240,4 @@ def _residuals(ca: Any, rates: Any, p: Any) -> Any:
 
 @lru_cache(maxsize=1)
 def _solver() -> _Solver:
-    return _Solver(required("casadi", "nmpc", 'guidance.kind: "nmpc"'))
+    return _Solver(import_extra("casadi", "nmpc", 'guidance.kind: "nmpc"'))

@@ -13,7 +13,7 @@ from agrobot_mj.control.pd import Conventional, PdGains, conventional
 from agrobot_mj.control.pid import FilteredRate, clip
 from agrobot_mj.control.t2fnn import T1Fnn, T2Fnn
 from agrobot_mj.control.t2fnn_laws import Network, tick
-from agrobot_mj.core.calls import Linked, address_of, called
+from agrobot_mj.core.calls import Linked, address_of, caller_of
 from agrobot_mj.core.held import Held
 from agrobot_mj.core.kernels import fetched, held, stage
 from agrobot_mj.core.signals import Array, Column, Vector
@@ -45,7 +45,7 @@ class NetworkNumbers(NamedTuple):
     saturated: bool
 
 
-_learn = called(tick)
+_learn = caller_of(tick)
 
 
 @stage

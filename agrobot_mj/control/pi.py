@@ -50,7 +50,7 @@ def pi_step(p: PiGains, s: PiState, e: float, dt: float, limit: float) -> tuple[
 
 
 @shared
-def relieved(s: PiState, excess: float) -> PiState:
+def without_windup(s: PiState, excess: float) -> PiState:
     """Return the state without the last integral step, if this step has the same sign as `excess` [rad]."""
     return PiState(s.before, s.before) if excess * (s.integral - s.before) > 0 else s
 
@@ -62,7 +62,7 @@ def _tick(
     """Return the new state, the command, and an empty array of log values; see `base.controller_form`."""
     after, command = pi_step(fetched(law), fetched(state), e, dt, limit)
     excess = excess_of(command, ahead, clip(command.steer + ahead, -limit, limit), steer)
-    return held(relieved(after, excess)), command, np.empty(0)
+    return held(without_windup(after, excess)), command, np.empty(0)
 
 
 class Pi(YawController):
@@ -90,7 +90,7 @@ class Pi(YawController):
 
     def relieve(self, state: PiState, excess: float) -> PiState:
         """Return the state without the last integral step, if this step has the same sign as `excess` [rad]."""
-        return relieved(state, excess)
+        return without_windup(state, excess)
 
     def linked(self, state: PiState) -> Linked:
         """Return the compiled tick function of the controller, its parameters and its state."""

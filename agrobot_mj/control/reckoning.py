@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agrobot_mj.control.evidence import RTK_FIXED, Sensed
-from agrobot_mj.control.sums import Sums, Vehicle, heading_of, summed
+from agrobot_mj.control.sums import Sums, Vehicle, add_tick, heading_of
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.held import Held
 from agrobot_mj.core.kernels import copy_into, fetched, held, jit, stage
@@ -83,7 +83,7 @@ class References(NamedTuple):
 
 
 @stage
-def compared(
+def compare_with_fix(
     r: Held[References], last: Held[Sums], at: Held[Sums], fix: Fix, quality: int, m: Sensed, swing: float
 ) -> tuple[Held[References], float, float]:
     """Return the dead-reckoning references after a fix, and the distance of the fix from the least consistent reference
@@ -97,15 +97,15 @@ def compared(
     fixed = quality == RTK_FIXED
     error, sharing = (POSITION_SIGMA, 1.0) if fixed else (LOOSE_SIGMA, LOOSE_FIXES)
     variance, heading = error * error + tilt_error * tilt_error + swing * swing, heading_of(m, fix) - sums.phi
-    after, distance, sigma = _followed(fetched(r), before, sums, fix, heading, variance, sharing)
+    after, distance, sigma = _advance_references(fetched(r), before, sums, fix, heading, variance, sharing)
     return held(after), distance, sigma
 
 
 @jit
-def _followed(
+def _advance_references(
     r: References, last: Sums, at: Sums, fix: Fix, heading: float, variance: float, sharing: float
 ) -> tuple[References, float, float]:
-    """Return the dead-reckoning references after a fix, and the results `distance` and `sigma` of `compared` [m].
+    """Return the dead-reckoning references after a fix, and `distance` and `sigma` of `compare_with_fix` [m].
 
     `variance` [m2] is the variance of the fix position; `sharing` is the number of consecutive fixes with equal error.
     `heading` is the measured heading minus the integrated yaw rate [rad], or NaN if not measured.
@@ -130,7 +130,7 @@ def _followed(
     error, S = wrap(heading - means[0, 2]), P[0, 2, 2] + HEADING_SIGMA * HEADING_SIGMA
     if error * error <= HEADING_GATE * HEADING_GATE * S:  # false without a heading, or for an improbable one
         _correct(means[0], P[0], 2, error, HEADING_SIGMA * HEADING_SIGMA)
-    return _renewed(References(means, P, r.begun), at.t), distance, sigma
+    return _drop_old_references(References(means, P, r.begun), at.t), distance, sigma
 
 
 @jit
@@ -172,7 +172,7 @@ def _correct(mean: Vector, P: Matrix, state: int, innovation: float, variance: f
 
 
 @jit
-def _renewed(r: References, t: float) -> References:
+def _drop_old_references(r: References, t: float) -> References:
     """Return the first dead-reckoning reference and all others younger than MEMORY_S [s]. If the newest reference is
     older than RENEWAL_S, a copy of the first reference is added."""
     n = r.begun.size
@@ -223,7 +223,7 @@ class Reckoning(NamedTuple):
             return self
         vehicle = Vehicle(machine.wheelbase_m, machine.antenna_height_m, body)
         before = self.sums or (held(Sums()),)
-        sums = (*before[1 - HISTORY_TICKS :], summed(before[-1], m, fix, vehicle, towed, dt))
+        sums = (*before[1 - HISTORY_TICKS :], add_tick(before[-1], m, fix, vehicle, towed, dt))
         late = round((m.t - fix.t) / dt) if isfinite(fix.t) else 0
         first = self.references is None and quality != Quality.FIX
         state = Reckoning(sums, *self[1:])
@@ -245,5 +245,5 @@ class Reckoning(NamedTuple):
                 return self
             theta = phase((place - self.begun_at) / moved)
             return self._replace(checked=at, references=held(References.first(sums, place, theta)), checked_t=sums.t)
-        found, distance, sigma = compared(self.references, self.checked, at, fix, quality, m, swing)
+        found, distance, sigma = compare_with_fix(self.references, self.checked, at, fix, quality, m, swing)
         return self._replace(checked=at, references=found, distance=distance, sigma=sigma, checked_t=fetched(at).t)

@@ -32,9 +32,9 @@ from agrobot_mj.control.deviation import (
     PathDeviation,
     Situated,
     deviated_on,
-    followed,
+    integral_columns,
+    limited_commands,
     offset_of,
-    reported,
 )
 from agrobot_mj.control.following import Integrating
 from agrobot_mj.core.held import Held
@@ -113,8 +113,8 @@ def _tick(
     pose = e.x, e.y, e.yaw
     rest = deviation, pose, e.speed, e.yaw_rate, e.aligned, seen.steer, dt
     after, wanted = steering(p.gains, fetched(memory), *rest)
-    found = followed(p.limits, deviation, r, seen, wanted, last[1], dt)
-    return held(after), found, most, reported(found, after.integral)
+    found = limited_commands(p.limits, deviation, r, seen, wanted, last[1], dt)
+    return held(after), found, most, integral_columns(found, after.integral)
 
 
 _steering = stage(steering)

@@ -105,7 +105,7 @@ class Vehicle(NamedTuple):
 
 
 @stage
-def summed(last: Held[Sums], m: Sensed, fix: Fix, vehicle: Vehicle, towed: TowedImplement, dt: float) -> Held[Sums]:
+def add_tick(last: Held[Sums], m: Sensed, fix: Fix, vehicle: Vehicle, towed: TowedImplement, dt: float) -> Held[Sums]:
     """Return the dead-reckoning sums after one further tick of length `dt` [s]. A missing fix is NaN."""
     s = fetched(last)
     wheels, fixes, fix_t = _speeds(s, m, fix)

@@ -7,10 +7,10 @@ import numpy as np
 from agrobot_mj.control.deviation import Situated
 from agrobot_mj.control.evidence import Sensed
 from agrobot_mj.control.monitors import Limits, MonitorSignals
-from agrobot_mj.control.reckoning import EPOCH_S, HITCH_SIGMA, References, compared
-from agrobot_mj.control.sums import Sums, Vehicle, summed
-from agrobot_mj.control.supervisor import Mode, MonitoredCommand, Supervisor, SupervisorState, monitored
-from agrobot_mj.core.calls import Linked, address_of, called
+from agrobot_mj.control.reckoning import EPOCH_S, HITCH_SIGMA, References, compare_with_fix
+from agrobot_mj.control.sums import Sums, Vehicle, add_tick
+from agrobot_mj.control.supervisor import Mode, MonitoredCommand, Supervisor, SupervisorState, update_monitors
+from agrobot_mj.core.calls import Linked, address_of, caller_of
 from agrobot_mj.core.held import Held
 from agrobot_mj.core.kernels import fetched, held, stage
 from agrobot_mj.core.samples import WINDOW_M, nearest_point
@@ -19,11 +19,11 @@ from agrobot_mj.machine.implements import TowedImplement
 from agrobot_mj.machine.tractor import TractorParameters
 
 NO_REFERENCES = References(np.zeros((0, 7)), np.zeros((0, 7, 7)), np.zeros(0))
-_monitored, _summed, _compared = called(monitored), called(summed), called(compared)
+_monitored, _summed, _compared = caller_of(update_monitors), caller_of(add_tick), caller_of(compare_with_fix)
 
 
 class SupervisionLaw(NamedTuple):
-    """Parameters of the supervisor, and addresses of the compiled functions that `supervised` calls."""
+    """Parameters of the supervisor, and addresses of the compiled functions that `supervise_tick` calls."""
 
     limits: Held[Limits]
     reckons: bool  # Whether dead reckoning has started; it never starts without a gyro
@@ -31,9 +31,9 @@ class SupervisionLaw(NamedTuple):
     towed: TowedImplement
     aligning_speed: float  # Commanded speed until the heading is known [m/s]
     coasting_after: float  # Maximum time since the newest fix before the tractor coasts [s]
-    monitor: int  # Address of `supervisor.monitored`
-    sum: int  # Address of `sums.summed`
-    compare: int  # Address of `reckoning.compared`
+    monitor: int  # Address of `supervisor.update_monitors`
+    sum: int  # Address of `sums.add_tick`
+    compare: int  # Address of `reckoning.compare_with_fix`
 
 
 class Supervision(NamedTuple):
@@ -55,12 +55,12 @@ def supervisor_form(
     law: Held[Any], state: Held[Any], samples: Matrix, seen: Situated, m: Sensed, fix: Fix, quality: int, steer: float,
     speed: float, pedal: float, sampled: float, dt: float,
 ) -> tuple[Held[Any], tuple[float, float, float], bool]:  # fmt: skip
-    """Define the signature of `supervised` for compiled calls. The function itself is never called."""
+    """Define the signature of `supervise_tick` for compiled calls. The function itself is never called."""
     raise NotImplementedError
 
 
 @stage
-def supervised(
+def supervise_tick(
     law: Held[SupervisionLaw], state: Held[Supervision], samples: Matrix, seen: Situated, m: Sensed, fix: Fix,
     quality: int, steer: float, speed: float, pedal: float, sampled: float, dt: float,
 ) -> tuple[Held[Supervision], tuple[float, float, float], bool]:  # fmt: skip
@@ -94,7 +94,7 @@ def supervised(
     return held(after), shown, tracks
 
 
-def linked(
+def tick_link(
     supervisor: Supervisor, state: SupervisorState, machine: TractorParameters, towed: TowedImplement, gyro: bool
 ) -> Linked | None:
     """Return the compiled tick function, its parameters and its state, or None if the next tick needs Python.
@@ -113,9 +113,9 @@ def linked(
         towed=towed,
         aligning_speed=supervisor.aligning_speed_m_s,
         coasting_after=supervisor.coasting_after_s,
-        monitor=address_of(monitored, monitored),
-        sum=address_of(summed, summed),
-        compare=address_of(compared, compared),
+        monitor=address_of(update_monitors, update_monitors),
+        sum=address_of(add_tick, add_tick),
+        compare=address_of(compare_with_fix, compare_with_fix),
     )
     sums = r.sums[-1] if r.sums else held(Sums())
     now = Supervision(
@@ -130,7 +130,7 @@ def linked(
         distance=r.distance,
         sigma=r.sigma,
     )
-    return Linked(supervised, held(law), held(now))
+    return Linked(supervise_tick, held(law), held(now))
 
 
 def tracking(state: SupervisorState, found: Held[Supervision], pedal: float) -> SupervisorState:

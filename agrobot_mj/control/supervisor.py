@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.evidence import Sensed, seen
+from agrobot_mj.control.evidence import Sensed, sensor_numbers
 from agrobot_mj.control.monitors import (
     CLOSER_M,
     CUTTING,
@@ -114,13 +114,13 @@ class Supervisor(SupervisorLimits):
         if not self.enabled:
             return state, command
         estimate, situation = held(situation.estimate), situation.fetched()
-        e, (m, fix, quality), machine = situation.estimate, seen(measured), situation.machine
+        e, (m, fix, quality), machine = situation.estimate, sensor_numbers(measured), situation.machine
         limits, watched = state.limits or held(self.limits(machine)), state.watched or held(MonitorSignals())
         nearest = situation.route.nearest(e.x, e.y, state.shown[1], situation.t)
         reckoning = state.reckoning.after(m, fix, quality, machine, self.gyro_axes == "body", dt, situation.towed)
         wanted = MonitoredCommand(state.steer, abs(command.speed), pedal_ref, self.aligning_speed_m_s)
         reckoned = reckoning.distance, reckoning.sigma
-        watched, shown, over_s, first, signal, cut = monitored(
+        watched, shown, over_s, first, signal, cut = update_monitors(
             limits, watched, state.over_s, nearest, estimate, m, fix, quality, situation.steer, wanted, reckoned, dt
         )
         mode, reason, pedal, steer = state.mode, state.reason, state.pedal, state.steer
@@ -192,7 +192,7 @@ class MonitoredCommand(NamedTuple):
 
 
 @stage
-def monitored(
+def update_monitors(
     most: Held[Limits], w: Held[MonitorSignals], over_s: Vector, nearest: PathPoint, estimate: Held[Estimate],
     m: Sensed, fix: Fix, quality: int, steer: float, wanted: MonitoredCommand, reckoned: tuple[float, float], dt: float,
 ) -> tuple[Held[MonitorSignals], tuple[float, float, float], Vector, int, float, bool]:  # fmt: skip
@@ -202,7 +202,7 @@ def monitored(
     monitor cuts the power of the pedal valve.
     """
     most, e = fetched(most), fetched(estimate)
-    w = _observed(most, fetched(w), nearest, e, m, fix, quality, steer, wanted, dt)
+    w = _next_signals(most, fetched(w), nearest, e, m, fix, quality, steer, wanted, dt)
     found = checks(most, w, e, m, fix, steer, reckoned)
     after, first, signal, cut = np.zeros(len(found)), -1, nan, False
     for k in range(len(found)):
@@ -216,7 +216,7 @@ def monitored(
 
 
 @jit
-def _observed(
+def _next_signals(
     most: Limits, w: MonitorSignals, nearest: PathPoint, e: Estimate, m: Sensed, fix: Fix, quality: int, steer: float,
     wanted: MonitoredCommand, dt: float,
 ) -> MonitorSignals:  # fmt: skip

@@ -86,7 +86,7 @@ def strength(mu_1: Array, mu_2: Array) -> Array:
 
 
 @jit
-def normalised(W: Array) -> Array:
+def normalise(W: Array) -> Array:
     """Return the firing strengths divided by their sum, or zeros if no rule fires."""
     total = W.sum()
     if total == 0:  # guard 5: no rule fires
@@ -100,7 +100,7 @@ def firing(s: T2FnnState, x1: float, x2: float) -> tuple[Array, Array]:
     """Return the normalised lower and upper firing strengths at the inputs x1 and x2, each of shape (I, J)."""
     W_lower = strength(membership(x1, s.c1, s.d1_lower), membership(x2, s.c2, s.d2_lower))
     W_upper = strength(membership(x1, s.c1, s.d1_upper), membership(x2, s.c2, s.d2_upper))
-    return normalised(W_lower), normalised(W_upper)
+    return normalise(W_lower), normalise(W_upper)
 
 
 @jit
@@ -111,7 +111,7 @@ def output(W_lower: Array, W_upper: Array, f: Array, q: float) -> float:
 
 
 @jit
-def floored(x: float, floor: float) -> float:
+def with_floor(x: float, floor: float) -> float:
     """Return x with its sign (positive for 0) and a magnitude of at least `floor` (guard 2)."""
     if abs(x) >= floor:
         return x
@@ -124,7 +124,7 @@ def width_rates(x: float, c: Array, d: Array, alpha_sgn: float, floor: float) ->
     [rad/s]."""
     mu, rate = membership(x, c, d), np.zeros_like(d)
     for i in range(d.size):
-        slope = -alpha_sgn * d[i] ** 2 / floored(x - c[i], floor)
+        slope = -alpha_sgn * d[i] ** 2 / with_floor(x - c[i], floor)
         rate[i] = mu[i] * slope * np.sign((x - c[i]) / d[i])  # [agrobots: enyeni1]
     return rate
 
@@ -133,13 +133,13 @@ def width_rates(x: float, c: Array, d: Array, alpha_sgn: float, floor: float) ->
 def f_rates(W_lower: Array, W_upper: Array, q: float, alpha_sgn: float, floor: float) -> Array:
     """Return the rates of change of the rule consequents [rad/s], shape (I, J)."""
     W = q * W_lower + (1 - q) * W_upper
-    return -W * alpha_sgn / floored((W * W).sum(), floor)  # [agrobots: fij]
+    return -W * alpha_sgn / with_floor((W * W).sum(), floor)  # [agrobots: fij]
 
 
 @jit
 def q_rate(W_lower: Array, W_upper: Array, f: Array, alpha_sgn: float, floor: float) -> float:
     """Return the rate of change of the weight q [1/s]."""
-    return -alpha_sgn / floored((f * (W_lower - W_upper)).sum(), floor)  # [agrobots: q_q]
+    return -alpha_sgn / with_floor((f * (W_lower - W_upper)).sum(), floor)  # [agrobots: q_q]
 
 
 @jit

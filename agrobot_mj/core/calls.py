@@ -18,7 +18,7 @@ from numba.core.imputils import impl_ret_new_ref
 from numba.extending import intrinsic
 
 from agrobot_mj.core.held import Held, HeldType
-from agrobot_mj.core.kernels import COMPILES, code_of, declared, kinds_of
+from agrobot_mj.core.kernels import COMPILES, code_of, kinds_of, numba_type_of
 
 
 class Linked(NamedTuple):
@@ -31,7 +31,7 @@ class Linked(NamedTuple):
     preview_s: float = nan  # Preview time of a guidance law for `Situated.preview` [s], or NaN
 
 
-def called(form: Any) -> Callable[..., Any]:
+def caller_of(form: Any) -> Callable[..., Any]:
     """Return a kernel function `call(address, arguments)`, which calls the compiled function at an address.
 
     The called function must have the annotations of the function `form`, and the arguments are a tuple of the annotated
@@ -40,7 +40,7 @@ def called(form: Any) -> Callable[..., Any]:
     """
     if not COMPILES:
         return lambda function, arguments: (True, function(*arguments))
-    hints = {name: declared(hint) for name, hint in get_type_hints(form, include_extras=True).items()}
+    hints = {name: numba_type_of(hint) for name, hint in get_type_hints(form, include_extras=True).items()}
     result, kinds = hints.pop("return"), tuple(hints.values())
 
     @intrinsic  # type: ignore[misc, unused-ignore]
@@ -84,7 +84,7 @@ def address_of(function: Any, form: Any, *arguments: object) -> Any:
 @cache
 def _address(function: Any, form: Any, kinds: tuple[types.Type, ...]) -> int:
     code = code_of(function, kinds)
-    hints = [declared(hint) for hint in get_type_hints(form, include_extras=True).values()]
+    hints = [numba_type_of(hint) for hint in get_type_hints(form, include_extras=True).values()]
     found = [*code.signature.args, code.signature.return_type]
     for wanted, kind in zip(hints, found, strict=True):
         if not _alike(wanted, kind):

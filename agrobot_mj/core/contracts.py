@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from agrobot_mj.core.errors import ScenarioError, shortened
+from agrobot_mj.core.errors import ScenarioError, shorten
 
 Message = TypeVar("Message")
 
@@ -66,7 +66,7 @@ def is_compiled(part: Any, *methods: str) -> bool:
 
 def one_line(value: Any) -> str:
     """Return the `repr` of a value on one line, shortened for a message."""
-    return shortened(" ".join(repr(value).split()))
+    return shorten(" ".join(repr(value).split()))
 
 
 def _one(message: type) -> str:

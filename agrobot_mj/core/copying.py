@@ -24,10 +24,10 @@ ATOMS = frozenset({float, int, bool, str, bytes, complex, NoneType, np.float64, 
 def independent(value: T) -> T:
     """Return a copy of `value` that shares only immutable objects with `value`; arrays keep their memory order and
     flags."""
-    return cast(T, _copied(value, {}))
+    return cast(T, _copy_value(value, {}))
 
 
-def _copied(value: Any, memo: dict[int, Any]) -> Any:
+def _copy_value(value: Any, memo: dict[int, Any]) -> Any:
     kind = type(value)
     if kind in ATOMS:
         return value
@@ -39,15 +39,15 @@ def _copied(value: Any, memo: dict[int, Any]) -> Any:
         made: Any = value.copy(order="K")
         made.flags.writeable = value.flags.writeable
     elif kind is dict:
-        made = {key: _copied(part, memo) for key, part in value.items()}
+        made = {key: _copy_value(part, memo) for key, part in value.items()}
     elif kind is list:
-        made = [_copied(part, memo) for part in value]
+        made = [_copy_value(part, memo) for part in value]
     elif kind is Generator and isinstance(value.bit_generator.seed_seq, SeedSequence):
         made = _generator(value)
     elif issubclass(kind, Spec):
         made = value
     elif issubclass(kind, MappingProxyType):
-        made = MappingProxyType(_copied(dict(cast(Mapping[Any, Any], value)), memo))
+        made = MappingProxyType(_copy_value(dict(cast(Mapping[Any, Any], value)), memo))
     else:
         return deepcopy(value, memo)
     memo[id(value)] = made
@@ -56,7 +56,7 @@ def _copied(value: Any, memo: dict[int, Any]) -> Any:
 
 def _tuple(value: tuple[Any, ...], memo: dict[int, Any]) -> tuple[Any, ...]:
     """Return a tuple of the same class with copied elements, or the same tuple if all elements are immutable."""
-    parts = [part if type(part) in ATOMS else _copied(part, memo) for part in value]
+    parts = [part if type(part) in ATOMS else _copy_value(part, memo) for part in value]
     if all(map(is_, parts, value)):
         return value
     kind: Any = type(value)

@@ -18,18 +18,18 @@ PLUGIN = "a plugin's kind needs --plugin FILE.py and @register"  # End of the me
 LIKENESS = 0.6  # Minimum similarity of a word suggested in place of an unknown word [-]. Assumed value.
 
 
-def shortened(text: str, most: int = LONGEST_VALUE) -> str:
+def shorten(text: str, most: int = LONGEST_VALUE) -> str:
     """Return `text`. Beyond `most` characters, an ellipsis replaces the middle, and the length is appended."""
     return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 4 :]} ({len(text)} characters)"
 
 
-def bounded(text: str) -> str:
+def shorten_lines(text: str) -> str:
     """Return a message shortened to about `MOST_LINES` lines and `LONGEST_TEXT` characters.
 
     If lines are omitted, the last line states their number.
     """
     lines, end = text.split("\n"), " more lines"
-    shown = [shortened(line, LONGEST_LINE) for line in lines[: MOST_LINES + 1]]
+    shown = [shorten(line, LONGEST_LINE) for line in lines[: MOST_LINES + 1]]
     length = len("\n".join(shown))
     if len(lines) <= MOST_LINES + text.endswith(end) and length <= LONGEST_TEXT:
         return "\n".join(shown)
@@ -42,7 +42,7 @@ class ScenarioError(ValueError):
     """Error for invalid user input, such as a scenario or a file; its text is the complete message for the user."""
 
     def __init__(self, text: str = "") -> None:
-        super().__init__(bounded(str(text)))
+        super().__init__(shorten_lines(str(text)))
 
 
 class CommandError(ValueError):
@@ -71,7 +71,7 @@ EXTRAS = {
 """Optional libraries imported at the top of modules, each with its pip extra and its purpose."""
 
 
-def installed(module: str) -> bool:
+def is_installed(module: str) -> bool:
     """Return whether the library `module` is installed; the library is not imported."""
     return find_spec(module) is not None
 
@@ -85,7 +85,7 @@ def missing_extra(error: ModuleNotFoundError) -> str:
     return f'{purpose} needs {package}; pip install "agrobot-mj[{extra}]"'
 
 
-def required(module: str, extra: str, purpose: str) -> Any:
+def import_extra(module: str, extra: str, purpose: str) -> Any:
     """Import and return a module. If this fails, raise `ScenarioError` with the command that installs the pip extra."""
     try:
         return import_module(module)

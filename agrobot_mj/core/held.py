@@ -41,7 +41,7 @@ ANY = HeldType(types.none)  # Type of a reference to a state of any type, annota
 
 
 @unbox(HeldType)
-def _taken(kind: Any, reference: Any, c: Any) -> Any:
+def _to_native(kind: Any, reference: Any, c: Any) -> Any:
     """Convert a Python reference to a native reference. The reference count increases only in kernels with reference
     counting."""
     native = cgutils.create_struct_proxy(kind)(c.context, c.builder)
@@ -72,7 +72,7 @@ def value_of(_: Any, reference: Any) -> Any:
 
 
 @box(HeldType)
-def _given(kind: Any, value: Any, c: Any) -> Any:
+def _to_python(kind: Any, value: Any, c: Any) -> Any:
     """Convert a native reference to a Python reference."""
     return c.pyapi.nrt_meminfo_as_pyobject(cgutils.create_struct_proxy(kind)(c.context, c.builder, value=value).meminfo)
 

@@ -55,7 +55,7 @@ class Identity(NamedTuple):
 
 def code() -> tuple[str, str, str]:
     """Return three digests: of the loaded plugins, of this package, and of the installed libraries."""
-    return joined(sorted(set(_plugins.values()))), PROGRAM, libraries()
+    return joint_digest(sorted(set(_plugins.values()))), PROGRAM, libraries()
 
 
 def code_text() -> str:
@@ -85,7 +85,7 @@ def digest(*contents: bytes, digits: int = len(NONE)) -> str:
     return whole.hexdigest()[:digits] if contents else "0" * digits
 
 
-def joined(digests: Iterable[str]) -> str:
+def joint_digest(digests: Iterable[str]) -> str:
     """Return one digest that combines a sequence of digests."""
     return digest(*map(str.encode, digests))
 
@@ -157,7 +157,7 @@ def _take_in(paths: Iterable[Path]) -> None:
             content = path.read_bytes()
             _plugins[path] = digest(content)
             if path.suffix == ".py":
-                todo += _imported(path, content)
+                todo += _imported_files(path, content)
 
 
 def _files_of(name: str, installed: bool) -> list[Path]:
@@ -187,7 +187,7 @@ def _place(name: str) -> Path | None:
     return Path(place).resolve() if place else None
 
 
-def _imported(path: Path, content: bytes) -> Iterator[Path]:
+def _imported_files(path: Path, content: bytes) -> Iterator[Path]:
     """Yield the files of the modules that a source file imports."""
     try:
         tree = ast.parse(content)

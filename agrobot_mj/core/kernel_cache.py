@@ -25,7 +25,7 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.runtime import rtsys
 from platformdirs import user_cache_path
 
-from agrobot_mj.core.locks import locked
+from agrobot_mj.core.locks import acquire_lock
 
 KEPT = 8  # Maximum number of package versions whose caches are kept on disk
 PARTS = ("core", "machine", "terrain", "tyres", "plants", "control", "estimation", "paths")
@@ -182,7 +182,7 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
         if not index.exists():
             with suppress(OSError):
                 (lock := index.with_suffix(".lock")).touch()
-                handle = locked(lock, PATIENCE_S)
+                handle = acquire_lock(lock, PATIENCE_S)
         try:
             yield
         finally:

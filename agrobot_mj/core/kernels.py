@@ -124,7 +124,7 @@ def code_of(function: Any, kinds: tuple[types.Type, ...] = ()) -> Any:
 
 def _arguments_of(compiled: Any) -> tuple[types.Type, ...]:
     hints = get_type_hints(compiled.py_func, include_extras=True)
-    return tuple(declared(hint) for name, hint in hints.items() if name != "return")
+    return tuple(numba_type_of(hint) for name, hint in hints.items() if name != "return")
 
 
 def _checked_entry(compiled: Any) -> Callable[..., Any]:
@@ -153,25 +153,25 @@ def _check_references(name: str, hint: Any, found: Any) -> None:
     if get_origin(hint) is tuple:
         for part, kind in zip(get_args(hint), found, strict=True):
             _check_references(name, part, kind)
-    elif get_origin(hint) is Annotated and declared(hint).number != found.number:
-        raise TypeError(f"{name} must return a reference to {declared(hint).types[0]}, got {found.types[0]}")
+    elif get_origin(hint) is Annotated and numba_type_of(hint).number != found.number:
+        raise TypeError(f"{name} must return a reference to {numba_type_of(hint).types[0]}, got {found.types[0]}")
 
 
-def declared(hint: Any) -> types.Type:
+def numba_type_of(hint: Any) -> types.Type:
     """Return the numba type that corresponds to the type annotation of an argument of a `stage` function."""
     if isinstance(hint, UnionType):  # optional number: present in kernels
         hint = get_args(hint)[0]
     if hint in NUMBERS:
         return NUMBERS[hint]
     if get_origin(hint) is Annotated:
-        return ANY if hint.__origin__ is Any else HeldType(declared(hint.__origin__))
+        return ANY if hint.__origin__ is Any else HeldType(numba_type_of(hint.__origin__))
     if get_origin(hint) is np.ndarray:
         shape, kind = get_args(hint)
         return types.Array(from_dtype(np.dtype(get_args(kind)[0])), len(get_args(shape)), "C")
     if get_origin(hint) is tuple:
-        return types.BaseTuple.from_types([declared(part) for part in get_args(hint)])
+        return types.BaseTuple.from_types([numba_type_of(part) for part in get_args(hint)])
     parts = get_type_hints(hint, include_extras=True).values()
-    return types.BaseTuple.from_types([declared(part) for part in parts], hint)
+    return types.BaseTuple.from_types([numba_type_of(part) for part in parts], hint)
 
 
 def held(value: T, as_it_is: bool = False) -> T:
@@ -196,7 +196,7 @@ overload(held)(lambda value, as_it_is=False: holding(value))
 
 @cache
 def _holder(kind: Any) -> Callable[..., object]:
-    value = kind if isinstance(kind, types.Type) else declared(kind)
+    value = kind if isinstance(kind, types.Type) else numba_type_of(kind)
     HeldType(value)  # makes the type known to `fetched`
     return _entry(_compiled(_same), value)
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from agrobot_mj.core.resources import checked, refuse
+from agrobot_mj.core.resources import checked_path, refuse
 from agrobot_mj.core.signals import Array
 
 LEARNED = "learned.parquet"
@@ -37,7 +37,7 @@ def read_learned(name: str) -> Learned:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    path = checked(name, [".parquet"], int(MOST_BYTES))
+    path = checked_path(name, [".parquet"], int(MOST_BYTES))
     try:
         table = pq.read_table(path, columns=["quantity", "place_m", "value"])
         quantities = np.array(table["quantity"].to_pylist(), dtype=object)

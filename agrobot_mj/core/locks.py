@@ -10,7 +10,7 @@ except ImportError:  # pragma: no cover - Windows has no such locks; simultaneou
     flock = None  # type: ignore[assignment]
 
 
-def locked(path: Path, patience: float) -> int | None:
+def acquire_lock(path: Path, patience: float) -> int | None:
     """Lock a file or folder and return its file descriptor. Return None if the system does not support locks.
 
     Closing the descriptor releases the lock. Raises TimeoutError if another process holds the lock for more than

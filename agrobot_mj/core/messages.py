@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from agrobot_mj.core.errors import MOST_FAULTS, PLUGIN, shortened, suggestion
+from agrobot_mj.core.errors import MOST_FAULTS, PLUGIN, shorten, suggestion
 from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.core.walk import elsewhere, nearest
 
@@ -61,7 +61,7 @@ def _line(error: dict[str, Any], data: Mapping[str, Any], root: type[Spec]) -> s
         keys, text = [*keys, "kind"], f"is missing (known: {', '.join(members(field.annotation) if field else ())})"
     elif kind == "union_tag_invalid":
         keys = [*keys, "kind"]
-        tag, expected = shortened(str(context.get("tag", ""))), str(context.get("expected_tags", ""))
+        tag, expected = shorten(str(context.get("tag", ""))), str(context.get("expected_tags", ""))
         known = re.findall(r"'([^']+)'", expected)
         text = f"unknown kind {tag!r}{suggestion(tag, known)} (known: {', '.join(known)}); {PLUGIN}"
     elif kind == "string_type" and isinstance(error["input"], Mapping):
@@ -90,10 +90,10 @@ class _Repeated:
         self.value = value
 
     def __str__(self) -> str:
-        return shortened(str(self.value))
+        return shorten(str(self.value))
 
     def __repr__(self) -> str:
-        return shortened(repr(self.value))
+        return shorten(repr(self.value))
 
 
 def _walk(loc: tuple[Any, ...], data: Any, root: type[Spec]) -> tuple[list[str], type[Spec] | None]:
@@ -114,7 +114,7 @@ def _walk(loc: tuple[Any, ...], data: Any, root: type[Spec]) -> tuple[list[str],
         if keys and data is not None and not isinstance(data, Mapping | list):
             continue  # name of a branch in a union of plain values, not a key
         owner = following
-        keys.append(shortened(str(step)))
+        keys.append(shorten(str(step)))
         data = data.get(step) if isinstance(data, Mapping) else None
         tags = members(owner.model_fields[step].annotation) if owner and step in owner.model_fields else {}
         following = next(iter(tags.values())) if len(tags) == 1 else None

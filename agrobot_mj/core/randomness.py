@@ -117,7 +117,7 @@ def shares(dt: float, correlation: float) -> Shares:
 
 
 @shared
-def wandered(value: float, weights: Shares, generator: int) -> float:
+def gauss_markov_step(value: float, weights: Shares, generator: int) -> float:
     """Return the next value of a Gauss-Markov process; `generator` is the memory address of the random generator."""
     white: float = normal(generator)
     return weights[0] * value + weights[1] * white
@@ -126,5 +126,5 @@ def wandered(value: float, weights: Shares, generator: int) -> float:
 @shared
 def wandered_plane(value: tuple[float, float], weights: Shares, generator: int) -> tuple[float, float]:
     """Return the next two values of a Gauss-Markov process with two axes; `generator` is a memory address."""
-    first = wandered(value[0], weights, generator)
-    return first, wandered(value[1], weights, generator)
+    first = gauss_markov_step(value[0], weights, generator)
+    return first, gauss_markov_step(value[1], weights, generator)

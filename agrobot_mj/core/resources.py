@@ -57,7 +57,7 @@ def machine_files() -> dict[str, Path]:
     return {path.stem: path for path in sorted((SCENARIOS / "machines").glob("*.toml"))}
 
 
-def installed(group: Literal["plugins", "commands", "reports"]) -> list[EntryPoint]:
+def entry_points_of(group: Literal["plugins", "commands", "reports"]) -> list[EntryPoint]:
     """Return the entry points of extensions and installed packages that add model kinds, commands, or report pages.
 
     Extensions come first. Extensions whose folder was removed are omitted.
@@ -88,10 +88,10 @@ def stamp(name: str) -> Stamp | None:
     return str(path), status.st_mtime_ns, status.st_ctime_ns, status.st_size
 
 
-def stamped(name: str, kinds: Sequence[str], most_bytes: int) -> Stamp:
-    """Check the file `name` as `checked` does, and return its stamp (path, change times and size). Raises ValueError if
-    a check fails."""
-    path = checked(name, kinds, most_bytes)
+def stamp_of(name: str, kinds: Sequence[str], most_bytes: int) -> Stamp:
+    """Check the file `name` as `checked_path` does, and return its stamp (path, change times and size). Raise
+    ValueError if a check fails."""
+    path = checked_path(name, kinds, most_bytes)
     return stamp(name) or refuse(path, "the file no longer exists; create the file again")
 
 
@@ -109,7 +109,7 @@ def folder_absence(path: Path) -> str:
     return "is a file; specify its folder" if path.exists() else "no such folder; specify an existing folder"
 
 
-def checked(name: str, kinds: Sequence[str], most_bytes: int) -> Path:
+def checked_path(name: str, kinds: Sequence[str], most_bytes: int) -> Path:
     """Return the path of a regular file that has one of the name endings `kinds` and at most `most_bytes` bytes.
 
     Empty `kinds` permit any ending. Raises ValueError with the file name and the fix if a check fails.

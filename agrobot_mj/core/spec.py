@@ -21,7 +21,7 @@ from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
-from agrobot_mj.core.errors import shortened
+from agrobot_mj.core.errors import shorten
 from agrobot_mj.core.signals import TICK_S
 
 
@@ -100,7 +100,7 @@ UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\u
 def printable(text: str) -> str:
     """Return `text` unchanged. Raises ValueError for characters that control a terminal or reverse text."""
     if UNPRINTABLE.search(text):
-        raise ValueError(f"must be one line of printable characters, got {shortened(repr(text))}")
+        raise ValueError(f"must be one line of printable characters, got {shorten(repr(text))}")
     return text
 
 
@@ -183,7 +183,7 @@ def nearest_value(owner: type[Spec], key: str, value: float) -> float:
     For other keys, `value` is rounded to ten digits. Values beyond the limits of a `Discrete` key remain invalid.
     """
     if (field := owner.model_fields.get(key)) is not None:
-        kinds, (low, high) = _nested(field.annotation), _limits(field)
+        kinds, (low, high) = _nested_types(field.annotation), _limits(field)
         if int in kinds and float not in kinds and isfinite(value):
             return round(value)
         for part in field.metadata:
@@ -192,9 +192,9 @@ def nearest_value(owner: type[Spec], key: str, value: float) -> float:
     return float(f"{value:.10g}")
 
 
-def _nested(annotation: Any) -> list[Any]:
+def _nested_types(annotation: Any) -> list[Any]:
     """Return a list of an annotation and all its nested arguments, for example the types of a union."""
-    return [annotation, *(part for argument in get_args(annotation) for part in _nested(argument))]
+    return [annotation, *(part for argument in get_args(annotation) for part in _nested_types(argument))]
 
 
 def members(annotation: Any) -> Mapping[str, type[Spec]]:

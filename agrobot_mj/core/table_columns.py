@@ -109,7 +109,7 @@ def _cells(source: Source, wanted: Sequence[str], why: dict[str, str] | None) ->
     return cells
 
 
-def loaded(source: Source) -> Source:
+def load_table(source: Source) -> Source:
     """Return a log whose columns can be read one by one: a CSV file is converted to a table in memory.
 
     Raises `FieldLogError` for an unreadable file.
@@ -255,7 +255,7 @@ def _floats(name: str, column: str, cells: pa.ChunkedArray) -> Array:
     if pa.types.is_null(kind):
         raise FieldLogError(f"{name}: {column!r} is empty in every row; specify another column")
     if not (pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind)):
-        raise FieldLogError(f"{name}: {column!r} contains {_described(kind, cells)}")
+        raise FieldLogError(f"{name}: {column!r} contains {_value_fault(kind, cells)}")
     values = _numpy(cells.cast(pa.float64()), 0)
     values[~np.isfinite(values)] = np.nan
     return values
@@ -282,7 +282,7 @@ def _numpy(cells: pa.ChunkedArray, origin: int) -> Array:
     return np.array(cells.to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
-def _described(kind: pa.DataType, cells: pa.ChunkedArray) -> str:
+def _value_fault(kind: pa.DataType, cells: pa.ChunkedArray) -> str:
     if pa.types.is_binary(kind):
         return "text that is not in UTF-8; save the file in UTF-8"
     if pa.types.is_string(kind) or pa.types.is_large_string(kind):

@@ -40,7 +40,7 @@ def minus(a: Vector, b: Vector) -> Vector:
 
 
 @kernel
-def scaled(s: float, a: Vector) -> Vector:
+def scale(s: float, a: Vector) -> Vector:
     """Return the vector `a` times the scalar `s`."""
     return s * a[0], s * a[1], s * a[2]
 

@@ -110,11 +110,11 @@ class Index(NamedTuple):
 
 def index_of(root: type[Spec]) -> Index:
     """Return the index of all keys below `root`, cached until a plugin changes the schema."""
-    return _indexed(root, root.__pydantic_validator__)
+    return _key_index(root, root.__pydantic_validator__)
 
 
 @lru_cache(maxsize=8)
-def _indexed(root: type[Spec], _validator: object) -> Index:
+def _key_index(root: type[Spec], _validator: object) -> Index:
     tables, names = dict[str, list[Key]](), dict[str, dict[str, None]]()
     for key in keys(root):
         tables.setdefault(key.dotted.rpartition(".")[0], []).append(key)
@@ -125,10 +125,10 @@ def _indexed(root: type[Spec], _validator: object) -> Index:
 def elsewhere(root: type[Spec], name: str) -> str:
     """Return `; did you mean 'tractor.mass_kg'?` with the keys named `name` in any table, or "" if no table has this
     key."""
-    return offered(named(root, name))
+    return suggest(keys_named(root, name))
 
 
-def named(root: type[Spec], name: str, table: str = "") -> list[str]:
+def keys_named(root: type[Spec], name: str, table: str = "") -> list[str]:
     """Return up to `MOST_OFFERED` dotted keys whose last part is `name`, keys in `table` first.
 
     Outside `table`, a name without an underscore is searched for only near the root of the schema.
@@ -156,18 +156,20 @@ def nearest(root: type[Spec], dotted: str, owner: type[Spec] | None) -> str:
     others = {key.name: _kind(key) for key in reversed(there)} if not own else {}
     near = own or [f"{key} (kind = {kind})" if (kind := others[key]) else key for key in _like(name, others)]
     if near and near[0].startswith(f"{name}_"):
-        return offered(near[:1])
+        return suggest(near[:1])
     if own and is_synonym(name, own[0]):
-        return offered(own)
-    return offered([*near[:1], *(key for key in named(root, name, table) if not near or key.count(".") < NEAR_TABLES)])
+        return suggest(own)
+    return suggest(
+        [*near[:1], *(key for key in keys_named(root, name, table) if not near or key.count(".") < NEAR_TABLES)]
+    )
 
 
-def offered(found: Sequence[str]) -> str:
+def suggest(found: Sequence[str]) -> str:
     """Return `; did you mean 'x' or 'y'?` with the first `MOST_OFFERED` keys of `found`, or "" if `found` is empty."""
-    return f"; did you mean {' or '.join(map(_quoted, found[:MOST_OFFERED]))}?" if found else ""
+    return f"; did you mean {' or '.join(map(_quote_key, found[:MOST_OFFERED]))}?" if found else ""
 
 
-def _quoted(text: str) -> str:
+def _quote_key(text: str) -> str:
     key, blank, kind = text.partition(" ")
     return f"{key!r}{blank}{kind}"
 

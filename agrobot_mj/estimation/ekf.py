@@ -19,8 +19,14 @@ from agrobot_mj.core.held import Held
 from agrobot_mj.core.kernels import fetched, held, jit, stage
 from agrobot_mj.core.signals import Estimate, Fix, Matrix, Vector
 from agrobot_mj.estimation.base import Readings
-from agrobot_mj.estimation.pose_estimator import PoseEstimator, PoseSettings, PoseState, finished, prepared
-from agrobot_mj.estimation.position_ekf import FixEkf, Inputs, Linearised, corrected
+from agrobot_mj.estimation.pose_estimator import (
+    PoseEstimator,
+    PoseSettings,
+    PoseState,
+    state_and_estimate,
+    update_velocity_filter,
+)
+from agrobot_mj.estimation.position_ekf import FixEkf, Inputs, Linearised, correct
 from agrobot_mj.machine.tractor import TractorParameters
 
 
@@ -47,7 +53,7 @@ def jacobian(yaw: float, speed: float, dt: float) -> Matrix:
 
 
 @jit
-def linearised(p: PoseEkfLaw, mean: Vector, inputs: Inputs, sigma: float) -> Linearised:
+def linearise(p: PoseEkfLaw, mean: Vector, inputs: Inputs, sigma: float) -> Linearised:
     """Return the motion and measurement model linearised at the pose `mean` (3,); see `FixEkf.model`."""
     speed, steer, dt = inputs
     Q, R = np.zeros((3, 3)), np.zeros((2, 2))
@@ -65,16 +71,16 @@ def _tick(
     """Return the new state and the estimate, by reference, after a tick of `dt` [s], and an empty array of log
     values."""
     s, p, state = fetched(s), fetched(p), fetched(state)
-    now = prepared(s, state, m, fix, quality, 0.0, dt)
-    model = linearised(p, state.pose, (now.speed, m.steer, dt), now.sigma)
-    after, estimate = finished(s, state, now, corrected(model, state.pose_covariance, now.fix), m, nan, dt)
+    now = update_velocity_filter(s, state, m, fix, quality, 0.0, dt)
+    model = linearise(p, state.pose, (now.speed, m.steer, dt), now.sigma)
+    after, estimate = state_and_estimate(s, state, now, correct(model, state.pose_covariance, now.fix), m, nan, dt)
     return held(after), held(estimate), np.empty(0)
 
 
 class PoseEkf(FixEkf):
     """Pose EKF for a given wheelbase [m] and given random walks of position [m/sqrt(s)] and yaw [rad/sqrt(s)]."""
 
-    model = staticmethod(linearised)
+    model = staticmethod(linearise)
 
     def __init__(self, wheelbase: float, position_walk: float, yaw_walk: float) -> None:
         self.law = PoseEkfLaw(wheelbase, (position_walk, position_walk, yaw_walk))

@@ -27,8 +27,14 @@ from agrobot_mj.core.kernels import fetched, held, jit, stage
 from agrobot_mj.core.signals import Array, Estimate, Fix, Matrix, Vector
 from agrobot_mj.core.spec import Fraction, NonNegative, Positive
 from agrobot_mj.estimation.base import Readings
-from agrobot_mj.estimation.pose_estimator import PoseEstimator, PoseSettings, PoseState, finished, prepared
-from agrobot_mj.estimation.position_ekf import FixEkf, Inputs, Linearised, corrected
+from agrobot_mj.estimation.pose_estimator import (
+    PoseEstimator,
+    PoseSettings,
+    PoseState,
+    state_and_estimate,
+    update_velocity_filter,
+)
+from agrobot_mj.estimation.position_ekf import FixEkf, Inputs, Linearised, correct
 from agrobot_mj.machine.tractor import TractorParameters
 
 BIAS = 3  # Index of the steering bias in the state
@@ -73,7 +79,7 @@ class BiasEkfLaw(NamedTuple):
 
 
 @jit
-def linearised(p: BiasEkfLaw, mean: Vector, inputs: Inputs, sigma: float) -> Linearised:
+def linearise(p: BiasEkfLaw, mean: Vector, inputs: Inputs, sigma: float) -> Linearised:
     """Return the motion and measurement model linearised at the state `mean` (6,); see `FixEkf.model`."""
     (speed, steer, dt), s = inputs, p.levels
     phi = exp(-dt / s.correlation_time)
@@ -94,17 +100,17 @@ def _tick(
     """Return the new state and the estimate, by reference, after a tick of `dt` [s], and an empty array of log
     values."""
     s, p, state = fetched(s), fetched(p), fetched(state)
-    now = prepared(s, state, m, fix, quality, state.pose[BIAS], dt)
-    model = linearised(p, state.pose, (now.speed, m.steer, dt), now.sigma)
-    found = corrected(model, state.pose_covariance, now.fix)
-    after, estimate = finished(s, state, now, found, m, float(found[0][BIAS]), dt)
+    now = update_velocity_filter(s, state, m, fix, quality, state.pose[BIAS], dt)
+    model = linearise(p, state.pose, (now.speed, m.steer, dt), now.sigma)
+    found = correct(model, state.pose_covariance, now.fix)
+    after, estimate = state_and_estimate(s, state, now, found, m, float(found[0][BIAS]), dt)
     return held(after), held(estimate), np.empty(0)
 
 
 class BiasEkf(FixEkf):
     """Pose EKF with states for steering bias and GNSS error, for a given wheelbase [m] and given noise parameters."""
 
-    model = staticmethod(linearised)
+    model = staticmethod(linearise)
 
     def __init__(self, wheelbase: float, levels: Levels) -> None:
         self.law = BiasEkfLaw(wheelbase, levels)

@@ -24,7 +24,7 @@ from agrobot_mj.estimation.base import HEALTH_COLUMNS, CompiledEstimator, Readin
 from agrobot_mj.estimation.full_core import Core, Gates
 from agrobot_mj.estimation.full_filter import UNALIGNED_SIGMA, FullFilter
 from agrobot_mj.estimation.full_model import AHEAD, C, D, FixNoise, FullLevels, N, S
-from agrobot_mj.estimation.horizon import FullNumbers, Horizon, Settings, Waiting, estimated
+from agrobot_mj.estimation.horizon import FullNumbers, Horizon, Settings, Waiting, estimate_tick
 from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import TractorParameters
 
@@ -53,7 +53,7 @@ class EkfFull(CompiledEstimator):
     """Estimator with 14 states, outlier gates, yaw alignment and delayed fixes (`[estimator] kind = "ekf_full"`)."""
 
     kind: Literal["ekf_full"] = "ekf_full"
-    compiled: ClassVar = staticmethod(estimated)
+    compiled: ClassVar = staticmethod(estimate_tick)
     terrain_compensation: bool = False
     """Whether roll and pitch from the IMU are used to transform fixes from the antenna to the rear axle."""
     swing_filter_s: NonNegative = 0.1
@@ -260,7 +260,7 @@ class EkfFull(CompiledEstimator):
         if measurement.fix is not None:
             horizon, ticks, fix = horizon.at(m.t, fix, dt)
         waiting = held(Waiting(horizon.waiting, ticks)) if len(horizon.waiting) or ticks != 1 else state.nothing
-        found = estimated(state.settings, waiting, horizon.held, Readings.of(m), fix, m.quality, dt)
+        found = estimate_tick(state.settings, waiting, horizon.held, Readings.of(m), fix, m.quality, dt)
         return FullState(state.settings, horizon.after(found[0], ticks), state.nothing, found[2]), found[1]
 
     @property

@@ -35,7 +35,7 @@ def posterior(x: Array, P: Array, H: Array, y: Array, R: Array) -> tuple[Vector,
     I_KH = np.eye(x.size) - times(H.T, KT).T
     # Joseph form: symmetric and positive definite despite rounding
     P_post = times(times(I_KH, P), I_KH.T.copy()) + times(times(R.T, KT).T, KT)
-    return x + applied(K, y), P_post, (y * applied(SI, y)).sum()
+    return x + product(K, y), P_post, (y * product(SI, y)).sum()
 
 
 @jit
@@ -45,7 +45,7 @@ def tick(x: Array, P: Array, F: Array, Q: Array, y: Array, H: Array, R: Array) -
 
 
 @jit
-def applied(A: Array, x: Array) -> Vector:
+def product(A: Array, x: Array) -> Vector:
     """Return the product of a matrix and a vector."""
     y = np.zeros(A.shape[0])
     for i in range(A.shape[0]):

@@ -144,7 +144,7 @@ def at_fix(mean: Vector, covariance: Matrix, fix: Fix, noise: FixNoise) -> tuple
 
 
 @jit
-def turned(mean: Vector, covariance: Matrix, angle: float, sigma: float) -> tuple[Vector, Matrix]:
+def rotate_yaw(mean: Vector, covariance: Matrix, angle: float, sigma: float) -> tuple[Vector, Matrix]:
     """Return mean and covariance with the yaw rotated by `angle` and its standard deviation set to `sigma` [rad]."""
     mean = mean.copy()
     mean[PSI] += angle
@@ -152,7 +152,7 @@ def turned(mean: Vector, covariance: Matrix, angle: float, sigma: float) -> tupl
 
 
 @shared
-def accepted(r: Rejections, t: float) -> Rejections:
+def count_accepted_fix(r: Rejections, t: float) -> Rejections:
     """Return the rejection counts `r` after a fix whose position has been accepted at time `t` [s]."""
     since = r.accepted_t if r.probation > 1 else t
     return Rejections(since, max(r.probation - 1, 0), 0, r.velocity, r.positions, r.velocities, r.restarts)

@@ -31,11 +31,11 @@ from agrobot_mj.estimation.full_core import (
     Search,
     Seen,
     Smooth,
-    accepted,
     at_fix,
+    count_accepted_fix,
     forget_correlated,
+    rotate_yaw,
     side_of,
-    turned,
 )
 from agrobot_mj.estimation.full_model import (
     B_S,
@@ -63,7 +63,7 @@ from agrobot_mj.estimation.full_rows import (
     FixRows,
     MotionNoise,
     MotionReadings,
-    corrected,
+    correct_jointly,
     fix_rows,
     no_fix,
 )
@@ -118,10 +118,10 @@ def step(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, quality: int, dt: 
     """Return the filter state after a tick of `dt` [s], corrected by `inputs` and by a fix, which is NaN if missing."""
     seen = isfinite(fix.x)
     if seen:
-        core = _received(f, core, fix, quality)
+        core = _prepare_for_fix(f, core, fix, quality)
     noise, unsteady = f.noises[core.seen.quality], SWAY * (_crab(core, inputs) - core.smooth.steady)
     sway = density(core.sway) + SWAY_S * (unsteady * unsteady)
-    core = _predicted(f, core, inputs, noise, sway, dt)
+    core = _predict_tick(f, core, inputs, noise, sway, dt)
     smooth, wheel, rows, used = core.smooth, inputs.wheel, no_fix(core.mean.size), (False, False, False)
     slip = core.slip.unseen()
     if seen:
@@ -131,7 +131,7 @@ def step(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, quality: int, dt: 
     braked = braking(inputs.pitch, core.mean[V], SideLoad(side_of(inputs), smooth.bend), f.levels)
     motion = MotionReadings(inputs.steer, inputs.gyro, wheel, inputs.pitch, braked, smooth.cruise, standing)
     s, g, w = f.levels.steer_sigma, f.levels.gyro_sigma, f.levels.wheel_sigma
-    mean, P = corrected(
+    mean, P = correct_jointly(
         core.mean, core.covariance, motion, MotionNoise(f.levels.wheelbase, s * s, g * g, w * w), rows, used
     )
     mean, P, crab = with_mounting(mean, P, core.crab, smooth.bend)
@@ -140,7 +140,7 @@ def step(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, quality: int, dt: 
 
 
 @jit
-def _received(f: FullFilter, core: Core, fix: Fix, quality: int) -> Core:
+def _prepare_for_fix(f: FullFilter, core: Core, fix: Fix, quality: int) -> Core:
     """Return the filter state prepared for a fix; the first two-antenna heading adds two states. A change of the
     quality resets the correlated fix error."""
     mean, P, last = core.mean, core.covariance, core.seen
@@ -154,7 +154,7 @@ def _received(f: FullFilter, core: Core, fix: Fix, quality: int) -> Core:
 
 
 @jit
-def _predicted(f: FullFilter, core: Core, inputs: Inputs, noise: FixNoise, sway: float, dt: float) -> Core:
+def _predict_tick(f: FullFilter, core: Core, inputs: Inputs, noise: FixNoise, sway: float, dt: float) -> Core:
     """Return the filter state predicted to the end of the tick; `sway` is the density of the course noise [rad2 s]."""
     old, L, walk = core.smooth, f.levels.wheelbase, f.levels.turn_offset_walk
     decay, Q = process_noise(f.levels, dt, noise.correlation_time, core.mean.size)
@@ -215,7 +215,7 @@ def _with_fix(
         mean, P = at_fix(mean, P, fix, noise)
         since = r.accepted_t if r.probation else inputs.t
         r = Rejections(since, r.probation, r.position, r.velocity, r.positions, r.velocities, r.restarts)
-        mean, P, search = _searched(f, mean, P, search, wheel, fix, side)
+        mean, P, search = _update_yaw_search(f, mean, P, search, wheel, fix, side)
     else:
         rows = _rows(f, core, fix, gap, sway, side)
         consistent, restart, r = _gated_position(f.gates, rows, r, inputs.t)
@@ -277,7 +277,7 @@ def _gated_position(gates: Gates, rows: FixRows, r: Rejections, t: float) -> tup
     counts."""
     y = rows.innovation
     if rows.position_nis < gates.nis or sqrt(y[0] * y[0] + y[1] * y[1]) < gates.position:
-        return True, False, accepted(r, t)
+        return True, False, count_accepted_fix(r, t)
     restart = r.position + 1 >= gates.patience
     refused, restarts = 0 if restart else r.position + 1, r.restarts + 1 if restart else r.restarts
     probation = gates.patience if restart or r.probation else 0
@@ -312,14 +312,14 @@ def _is_probable(gates: Gates, P: Matrix, rows: FixRows) -> bool:
 
 
 @jit
-def _searched(
+def _update_yaw_search(
     f: FullFilter, mean: Vector, P: Matrix, search: Search, wheel: float, fix: Fix, side: SideLoad
 ) -> tuple[Vector, Matrix, Search]:
     """Return the mean, the covariance and the state of the yaw search after a fix. A two-antenna heading ends the
     search."""
     if isfinite(fix.heading):
         innovation = wrap(fix.heading - (mean[PSI] + mean[MOUNT]))
-        mean, P = turned(mean, P, innovation, f.levels.heading_sigma)
+        mean, P = rotate_yaw(mean, P, innovation, f.levels.heading_sigma)
         return mean, P, FOUND
     if abs(wheel) > SEARCH_SPEED:  # false for a missing wheel speed, whose sign is unknown
         chi = course(mean, side)
@@ -329,5 +329,5 @@ def _searched(
     s_v = f.levels.velocity_sigma
     if search.weight * (ALIGNMENT_SIGMA * ALIGNMENT_SIGMA) < s_v * s_v:
         return mean, P, search
-    mean, P = turned(mean, P, atan2(search.across, search.along), ALIGNED_SIGMA)
+    mean, P = rotate_yaw(mean, P, atan2(search.across, search.along), ALIGNED_SIGMA)
     return mean, P, FOUND

@@ -116,11 +116,11 @@ def sideslip(mean: Vector, v: float, side: SideLoad) -> float:
 def modelled_crab(mean: Vector, v: float, side: SideLoad) -> float:
     """Return the modelled crab angle [rad], positive to the right, from side force and curvature at the speed `v`
     [m/s]."""
-    return float(mean[C] * _stretched(v, side)[0] + mean[D] * side.bend * _moving(v)[0])
+    return float(mean[C] * _side_force(v, side)[0] + mean[D] * side.bend * _moving(v)[0])
 
 
 @jit
-def _stretched(v: float, side: SideLoad) -> tuple[float, float]:
+def _side_force(v: float, side: SideLoad) -> tuple[float, float]:
     """Return the specific side force times tyre softening [m/s2], and its derivative with respect to speed [1/s]."""
     force = v * v * side.bend + side.gravity
     ratio = force / GRAVITY
@@ -139,7 +139,7 @@ def course_slopes(mean: Vector, side: SideLoad) -> Vector:
     """Return the derivatives of the course with respect to the states, shape (n,)."""
     v, c, d = mean[V], mean[C], mean[D]
     weight, by_v = _moving(v)
-    force, force_by_v = _stretched(v, side)
+    force, force_by_v = _side_force(v, side)
     slopes = np.zeros(mean.size)
     slopes[PSI] = 1.0
     slopes[V] = -c * force_by_v - d * by_v * side.bend

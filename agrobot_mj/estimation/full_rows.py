@@ -155,7 +155,7 @@ def _squared_innovation(a: int, y: Vector, H: Matrix, R: Vector, P: Matrix) -> f
 
 
 @jit
-def corrected(
+def correct_jointly(
     mean: Vector, P: Matrix, motion: MotionReadings, noise: MotionNoise, fix: FixRows, used: tuple[bool, bool, bool]
 ) -> tuple[Vector, Matrix]:
     """Return the mean and covariance after a joint correction by the motion measurements and the fix.

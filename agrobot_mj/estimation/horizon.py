@@ -142,7 +142,7 @@ def _progress(state: Held[FullNumbers]) -> tuple[float, Matrix]:
 
 
 @stage
-def estimated(
+def estimate_tick(
     s: Held[Settings], w: Held[Waiting], state: Held[FullNumbers], m: Readings, fix: Fix, quality: int, dt: float
 ) -> tuple[Held[FullNumbers], Held[Estimate], Vector]:
     """Return the new state, the estimate, and the values of the columns of `EkfFull` at the end of a tick.
@@ -218,7 +218,7 @@ def present(core: Core, levels: FullLevels, waiting: Matrix, last: Inputs, dt: f
         psi += omega * dt
     P = _of_pose(core.covariance)
     if ticks:
-        P = _extrapolated(core, levels, (x - mean[X], y - mean[Y]), _inputs(waiting, ticks - 1), ticks * dt)
+        P = _pose_covariance(core, levels, (x - mean[X], y - mean[Y]), _inputs(waiting, ticks - 1), ticks * dt)
     return Present(x, y, psi, sideslip(mean, v, SideLoad(side_of(last), bend)), v, omega, P)
 
 
@@ -232,7 +232,7 @@ def _of_pose(covariance: Matrix) -> Matrix:
 
 
 @jit
-def _extrapolated(core: Core, levels: FullLevels, moved: tuple[float, float], last: Inputs, time: float) -> Matrix:
+def _pose_covariance(core: Core, levels: FullLevels, moved: tuple[float, float], last: Inputs, time: float) -> Matrix:
     """Return the covariance of x, y and heading, shape (3, 3), after dead reckoning over `moved` [m] and `time` [s]."""
     east, north = moved
     side = SideLoad(side_of(last), core.smooth.bend)

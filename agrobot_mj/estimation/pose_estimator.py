@@ -14,7 +14,7 @@ import numpy as np
 
 from agrobot_mj.core.calls import Linked
 from agrobot_mj.core.contracts import is_compiled
-from agrobot_mj.core.errors import required
+from agrobot_mj.core.errors import import_extra
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.held import Held
 from agrobot_mj.core.kernels import fetched, held, jit
@@ -24,7 +24,7 @@ from agrobot_mj.estimation.base import CompiledEstimator, Health, Readings, larg
 from agrobot_mj.estimation.kalman import filterpy_ekf, filterpy_kf
 from agrobot_mj.estimation.lever_arm import UNKNOWN, Lever, at_foot, offset
 from agrobot_mj.estimation.position_ekf import FixEkf
-from agrobot_mj.estimation.velocity_kf import VelocityKf, turned, velocity_step
+from agrobot_mj.estimation.velocity_kf import VelocityKf, rotate_velocity, velocity_step
 from agrobot_mj.machine.tractor import TractorParameters
 
 SOURCES = ("ekf", "kinematic", "gyro")  # Values of `yaw_rate_source`, in the order of their integer codes
@@ -82,7 +82,7 @@ class Prepared(NamedTuple):
 
 
 @jit
-def measured(
+def filter_inputs(
     s: PoseSettings, state: PoseState, m: Readings, fix: Fix, quality: int, bias: float, dt: float
 ) -> tuple[Prepared, Matrix]:
     """Return the inputs of the velocity filter, and the noise covariance (4, 4) of the fix (x, vx, y, vy)."""
@@ -96,25 +96,25 @@ def measured(
         noise[place, place], noise[place + 1, place + 1] = sigma * sigma, v * v
     motion, P, speed = state.motion, state.motion_covariance, along(state.pose[2], state.motion)
     if s.turns:
-        motion, P = turned(motion, P, speed * tan(m.steer - bias) / s.wheelbase * dt)
+        motion, P = rotate_velocity(motion, P, speed * tan(m.steer - bias) / s.wheelbase * dt)
     return Prepared(fix, sigma, lever, motion, P, speed), noise
 
 
 @jit
-def prepared(
+def update_velocity_filter(
     s: PoseSettings, state: PoseState, m: Readings, fix: Fix, quality: int, bias: float, dt: float
 ) -> Prepared:
     """Update the velocity filter and return the inputs of the pose filter.
 
     `bias` is the steering bias [rad]. A missing fix is NaN.
     """
-    now, noise = measured(s, state, m, fix, quality, bias, dt)
+    now, noise = filter_inputs(s, state, m, fix, quality, bias, dt)
     motion, P = velocity_step(s.velocity_walk, now.motion, now.motion_covariance, now.fix, noise, dt)
     return Prepared(now.fix, now.sigma, now.lever, motion, P, along(state.pose[2], motion))
 
 
 @jit
-def finished(
+def state_and_estimate(
     s: PoseSettings, state: PoseState, now: Prepared, found: tuple[Vector, Matrix, float], m: Readings, bias: float,
     dt: float,
 ) -> tuple[PoseState, Estimate]:  # fmt: skip
@@ -222,7 +222,7 @@ class PoseEstimator(CompiledEstimator):
         further, sigmas = self.beliefs()
         velocity_kf, pose_filter = VelocityKf(self.velocity_walk_m_s_rt_s), self.pose_filter(tractor)
         if self.backend == "filterpy":
-            required("filterpy", "filters", 'estimator.backend = "filterpy"')
+            import_extra("filterpy", "filters", 'estimator.backend = "filterpy"')
             velocity_kf.tick, pose_filter.tick = filterpy_kf, filterpy_ekf
         numbers = PoseState(
             motion=np.array((x, 0.0, y, 0.0)),
@@ -273,11 +273,11 @@ class PoseEstimator(CompiledEstimator):
             numbers, estimate, _ = self.compiled(settings, law, numbers, m, fix, quality, dt)
             return EstimatorState(settings, law, numbers, None), estimate
         s, before, (velocity_kf, pose_filter) = fetched(settings), fetched(numbers), filters
-        now, noise = measured(s, before, m, fix, quality, self.steer_bias(before.pose) or 0.0, dt)
+        now, noise = filter_inputs(s, before, m, fix, quality, self.steer_bias(before.pose) or 0.0, dt)
         foot = measurement.fix and now.fix
         motion: Any = velocity_kf.step(now.motion, now.motion_covariance, foot, noise, dt)
         now = Prepared(now.fix, now.sigma, now.lever, motion[0], motion[1], along(before.pose[2], motion[0]))
         found: Any = pose_filter.step(before.pose, before.pose_covariance, (now.speed, m.steer, dt), foot, now.sigma)
         bias = self.steer_bias(found[0])
-        after, estimate = finished(s, before, now, found, m, nan if bias is None else bias, dt)
+        after, estimate = state_and_estimate(s, before, now, found, m, nan if bias is None else bias, dt)
         return EstimatorState(settings, law, held(after), filters), held(estimate)

@@ -7,7 +7,7 @@ import numpy as np
 
 from agrobot_mj.core.kernels import jit
 from agrobot_mj.core.signals import Array, Fix, Matrix, Vector
-from agrobot_mj.estimation.equations import applied, prior, tick
+from agrobot_mj.estimation.equations import prior, product, tick
 from agrobot_mj.estimation.kalman import Filter
 
 Inputs = tuple[float, float, float]  # Speed [m/s], steering angle [rad] and dt [s]
@@ -24,11 +24,11 @@ class Linearised(NamedTuple):
 
 
 @jit
-def corrected(m: Linearised, P: Matrix, fix: Fix) -> tuple[Vector, Matrix, float]:
+def correct(m: Linearised, P: Matrix, fix: Fix) -> tuple[Vector, Matrix, float]:
     """Return mean, covariance and NIS [-] after a tick; `P` is the covariance before the tick. A missing fix is NaN."""
     if isnan(fix.x):
         return m.x, prior(P, m.F, m.Q), nan
-    return tick(m.x, P, m.F, m.Q, np.array((fix.x, fix.y)) - applied(m.H, m.x), m.H, m.R)
+    return tick(m.x, P, m.F, m.Q, np.array((fix.x, fix.y)) - product(m.H, m.x), m.H, m.R)
 
 
 class FixEkf(Filter):
@@ -47,5 +47,5 @@ class FixEkf(Filter):
         The NIS is the normalised innovation squared of the position, or NaN without a fix.
         """
         x, F, Q, H, R = type(self).model(self.law, mean, inputs, sigma)
-        y = None if fix is None else np.array((fix.x, fix.y)) - applied(H, x)
+        y = None if fix is None else np.array((fix.x, fix.y)) - product(H, x)
         return self.tick(x, covariance, F, Q, y, H, R)

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from agrobot_mj.core.errors import required
+from agrobot_mj.core.errors import import_extra
 from agrobot_mj.core.signals import Array, Fix
 from agrobot_mj.estimation.ekf import PoseEkf, f
 from agrobot_mj.estimation.pose_estimator import PoseEstimator
@@ -61,6 +61,6 @@ class Ukf(PoseEstimator):
 
     def pose_filter(self, tractor: TractorParameters) -> PoseUkf:
         """Return the unscented pose filter for a `tractor`. Raises `ScenarioError` if filterpy is not installed."""
-        required("filterpy", "filters", 'estimator.kind = "ukf"')
+        import_extra("filterpy", "filters", 'estimator.kind = "ukf"')
         walks = self.position_walk_m_rt_s, radians(self.yaw_walk_deg_rt_s)
         return PoseUkf(tractor.wheelbase_m, *walks, self.sigma_point_spread)

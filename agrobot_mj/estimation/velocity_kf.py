@@ -11,7 +11,7 @@ import numpy as np
 
 from agrobot_mj.core.kernels import jit
 from agrobot_mj.core.signals import NO_FIX, Array, Fix, Matrix, Vector
-from agrobot_mj.estimation.equations import applied, prior, tick, times
+from agrobot_mj.estimation.equations import prior, product, tick, times
 from agrobot_mj.estimation.kalman import Filter
 
 
@@ -35,18 +35,18 @@ def process_noise(velocity_walk: float, dt: float) -> Matrix:
 
 
 @jit
-def turned(mean: Vector, covariance: Matrix, angle: float) -> tuple[Vector, Matrix]:
+def rotate_velocity(mean: Vector, covariance: Matrix, angle: float) -> tuple[Vector, Matrix]:
     """Return the mean (4,) and covariance (4, 4) after rotating the velocity to the left by `angle` [rad]."""
     M = np.eye(4)
     M[1, 1] = M[3, 3] = cos(angle)
     M[3, 1], M[1, 3] = sin(angle), -sin(angle)
-    return applied(M, mean), times(times(M, covariance), M.T.copy())
+    return product(M, mean), times(times(M, covariance), M.T.copy())
 
 
 @jit
-def predicted(mean: Vector, fix: Fix, dt: float) -> tuple[Vector, Vector]:
+def predict_with_innovation(mean: Vector, fix: Fix, dt: float) -> tuple[Vector, Vector]:
     """Return the mean (4,) predicted over `dt` [s], and the innovation of a fix, which is NaN without a fix."""
-    x = applied(transition(dt), mean)
+    x = product(transition(dt), mean)
     return x, np.array((fix.x, fix.vx, fix.y, fix.vy)) - x
 
 
@@ -55,7 +55,7 @@ def velocity_step(
     velocity_walk: float, mean: Vector, covariance: Matrix, fix: Fix, noise: Matrix, dt: float
 ) -> tuple[Vector, Matrix]:
     """Return the mean (4,) and covariance (4, 4) after `dt` [s], corrected by the fix in this tick (NaN if missing)."""
-    (x, y), Phi, Q = predicted(mean, fix, dt), transition(dt), process_noise(velocity_walk, dt)
+    (x, y), Phi, Q = predict_with_innovation(mean, fix, dt), transition(dt), process_noise(velocity_walk, dt)
     if isnan(fix.x):
         return x, prior(covariance, Phi, Q)
     x, P, _ = tick(x, covariance, Phi, Q, y, np.eye(4), noise)
@@ -73,5 +73,5 @@ class VelocityKf(Filter):
 
         `noise` (4, 4) is the covariance of the fix (x, vx, y, vy).
         """
-        (x, y), Q = predicted(mean, fix or NO_FIX, dt), process_noise(self.velocity_walk, dt)
+        (x, y), Q = predict_with_innovation(mean, fix or NO_FIX, dt), process_noise(self.velocity_walk, dt)
         return self.tick(x, covariance, transition(dt), Q, y if fix else None, np.eye(4), noise)[:2]

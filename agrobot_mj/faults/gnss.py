@@ -18,7 +18,7 @@ Rate = Annotated[float, Field(ge=-10, le=10)]
 Interval = Annotated[float, Field(ge=TICK_S, le=HUGE)]  # Time interval of at least one tick [s]
 
 
-def shifted(conditions: Conditions, east: float, north: float) -> Conditions:
+def add_offset(conditions: Conditions, east: float, north: float) -> Conditions:
     """Return the conditions with an additional position offset [m] to the east and north in the GNSS solution."""
     x, y = conditions.gnss_offset
     return conditions._replace(gnss_offset=(x + east, y + north))
@@ -46,7 +46,7 @@ class GnssJump(Scripted):
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Add the offset to the position of the GNSS solution. Quality and velocity do not change."""
-        return None, shifted(conditions, self.east_m, self.north_m)
+        return None, add_offset(conditions, self.east_m, self.north_m)
 
 
 class GnssDrift(Scripted):
@@ -66,7 +66,7 @@ class GnssDrift(Scripted):
         if self.velocity == "drifting":
             vx, vy = conditions.gnss_velocity_offset
             conditions = conditions._replace(gnss_velocity_offset=(vx + east, vy + north))
-        return None, shifted(conditions, east * time, north * time)
+        return None, add_offset(conditions, east * time, north * time)
 
 
 class GnssFrozen(Scripted):
@@ -109,7 +109,7 @@ class GnssDgps(Scripted):
         state = state.after(dt, self.wander_time_s)
         quality = worse(conditions.gnss_quality, Quality.DGPS)
         east, north = (self.wander_sigma_m * value for value in state.value)
-        return state, shifted(conditions._replace(gnss_quality=quality), east, north)
+        return state, add_offset(conditions._replace(gnss_quality=quality), east, north)
 
 
 class GnssLatency(Scripted):

@@ -15,7 +15,7 @@ Metres = Annotated[float, Field(ge=-20, le=20)]
 Four = tuple[float, float, float, float]
 
 
-def _scaled(values: Four, i: int, share: float) -> Four:
+def _scale_one(values: Four, i: int, share: float) -> Four:
     a, b, c, d = (value * share if k == i else value for k, value in enumerate(values))
     return a, b, c, d
 
@@ -82,8 +82,8 @@ class SoftTyre(Scripted):
         """Reduce the stiffness and increase the rolling resistance of the affected tyre."""
         i = WHEELS.index(self.wheel)
         return None, conditions._replace(
-            tyre_stiffness=_scaled(conditions.tyre_stiffness, i, self.stiffness_share),
-            tyre_rolling=_scaled(conditions.tyre_rolling, i, self.rolling_share),
+            tyre_stiffness=_scale_one(conditions.tyre_stiffness, i, self.stiffness_share),
+            tyre_rolling=_scale_one(conditions.tyre_rolling, i, self.rolling_share),
         )
 
 

@@ -109,11 +109,11 @@ class Driveline(Spec):
         moment = mass * (tractor.rear_wheel_radius_m / COMPACT.rear_wheel_radius_m)
         weight = tractor.mass_kg * tractor.rear_wheel_radius_m
         return Strength(
-            torque=_given(self.torque_limit_n_m, moment * TORQUE_N_M),
-            power=1e3 * _given(self.power_limit_kw, mass * POWER_KW),
-            brake=_given(self.brake_torque_n_m, weight * BRAKING_M_S2),
-            stiffness=_given(self.stiffness_n_m_rad, moment * STIFFNESS_N_M_RAD),
-            damping=_given(self.damping_n_m_s_rad, moment * DAMPING_N_M_S_RAD),
+            torque=_value_or_default(self.torque_limit_n_m, moment * TORQUE_N_M),
+            power=1e3 * _value_or_default(self.power_limit_kw, mass * POWER_KW),
+            brake=_value_or_default(self.brake_torque_n_m, weight * BRAKING_M_S2),
+            stiffness=_value_or_default(self.stiffness_n_m_rad, moment * STIFFNESS_N_M_RAD),
+            damping=_value_or_default(self.damping_n_m_s_rad, moment * DAMPING_N_M_S_RAD),
         )
 
     def brake_torques(self, tractor: TractorParameters) -> Array:
@@ -123,7 +123,7 @@ class Driveline(Spec):
         return np.array([front, front, rear, rear])
 
 
-def _given(value: float | None, default: float) -> float:
+def _value_or_default(value: float | None, default: float) -> float:
     return default if value is None else value
 
 

@@ -58,12 +58,12 @@ def _tyres(machine: Machine, hitched: HitchedBody | None) -> Iterator[str]:
             given = getattr(machine.tractor, f"{wheel.axle}_tyre_stiffness_n_m") is not None
             key = "stiffness_n_m" if given else "pressure_bar"
             yield (f"tractor.{wheel.axle}_tyre_{key}: under {load:.0f} N the tyre {deflects}; increase this value")
-        yield from _overloaded(f"tractor.{wheel.axle}_wheel_radius_m", load, wheel, DENSEST_KPA)
+        yield from _overload_faults(f"tractor.{wheel.axle}_wheel_radius_m", load, wheel, DENSEST_KPA)
     if hitched is not None and (drawn := hitched.axle) is not None:
-        yield from _overloaded("implement", drawn.wheel.load, drawn.wheel, DENSEST_DRAWN_KPA)
+        yield from _overload_faults("implement", drawn.wheel.load, drawn.wheel, DENSEST_DRAWN_KPA)
 
 
-def _overloaded(key: str, load: float, wheel: AxleWheel, most_kpa: float) -> Iterator[str]:
+def _overload_faults(key: str, load: float, wheel: AxleWheel, most_kpa: float) -> Iterator[str]:
     kpa = load / (2 * wheel.radius * wheel.width) / 1e3
     if kpa > most_kpa:
         carries = f"{2 * wheel.radius:.2g} m by {wheel.width:.2g} m under {load:.0f} N has a pressure of {kpa:.0f} kPa"

@@ -18,7 +18,7 @@ import re
 from math import sqrt
 from typing import NamedTuple
 
-from agrobot_mj.core.errors import shortened
+from agrobot_mj.core.errors import shorten
 
 INCH = 0.0254  # Length of an inch [m]
 KGF_MM = 9806.65  # Stiffness of 1 kgf/mm [N/m]
@@ -100,7 +100,7 @@ def tyre_size(code: str) -> TyreSize:
             _check(code, size)
             return size
     known = "520/85R42, 18.4-38 or 66x43.00R25"
-    raise ValueError(f"must be a tyre size code such as {known}, got {shortened(repr(code))}")
+    raise ValueError(f"must be a tyre size code such as {known}, got {shorten(repr(code))}")
 
 
 def _size(family: str, found: re.Match[str]) -> TyreSize:
@@ -123,6 +123,5 @@ def _check(code: str, size: TyreSize) -> None:
         if not low <= value <= high:
             limits = f"{low:g} to {high:g} {unit}".rstrip()
             raise ValueError(
-                f"{shortened(repr(code))} gives a {what} of {value:.3g}, which must be {limits}; check the tyre size "
-                "code"
+                f"{shorten(repr(code))} gives a {what} of {value:.3g}, which must be {limits}; check the tyre size code"
             )

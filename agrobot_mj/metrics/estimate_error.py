@@ -57,7 +57,7 @@ def contributions(view: RunView) -> tuple[Vectors, dict[str, Vectors]]:
     arm = complex(tractor.antenna_ahead_m, tractor.antenna_left_m)
     configured = complex(*s.sensors.gnss.configured(arm.real, arm.imag))
     antenna = rear + arm + tractor.antenna_height_m * _foot(column("roll"), column("pitch"))
-    measured = _delayed(antenna / turned, _latency(view)) * turned
+    measured = _delay_rows(antenna / turned, _latency(view)) * turned
     fix = turned * (column("gnss_x") + 1j * column("gnss_y"))
     error, quality = cg - cg_hat, column("gnss_quality")
     with_fix = {
@@ -100,7 +100,7 @@ def _latency(view: RunView) -> Array:
     return np.full(len(t), scenario.sensors.gnss.latency_s) + sum(late)
 
 
-def _delayed(values: Vectors, late_s: Array) -> Vectors:
+def _delay_rows(values: Vectors, late_s: Array) -> Vectors:
     """Return the vectors delayed by `late_s` [s], shape (ticks,). Before the start, the first vector is used."""
     ticks = np.round(late_s / TICK_S).astype(int)
     delayed: Vectors = values[np.maximum(np.arange(len(values)) - ticks, 0)]

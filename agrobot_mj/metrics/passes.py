@@ -78,7 +78,7 @@ def pass_to_pass(path: Parallel, time: Array, x: Array, y: Array) -> dict[str, A
     `time` [s] is the time at which the reference passes the path point nearest to the CG, and `x`, `y` [m] the position
     of the CG, each of shape (ticks,). Without two neighbouring passes the pass-to-pass error is None.
     """
-    passed = driven(path, time, x, y)
+    passed = driven_passes(path, time, x, y)
     by_line = sorted(passed, key=lambda one: one.line)
     wide = list[Array]()  # excess widths of the swaths between neighbouring passes at their common stations [m]
     for right, left in pairwise(by_line):
@@ -95,7 +95,7 @@ def pass_to_pass(path: Parallel, time: Array, x: Array, y: Array) -> dict[str, A
     }
 
 
-def driven(path: Parallel, time: Array, x: Array, y: Array) -> list[Passed]:
+def driven_passes(path: Parallel, time: Array, x: Array, y: Array) -> list[Passed]:
     """Return the driven part of each pass in driving order. The arguments are the same as those of `pass_to_pass`."""
     origin = path.at(0.0)
     c, s = cos(origin.yaw), sin(origin.yaw)
@@ -108,13 +108,13 @@ def driven(path: Parallel, time: Array, x: Array, y: Array) -> list[Passed]:
         a, b = path.at(start), path.at(end)
         stations_m = [c * (p.x - origin.x) + s * (p.y - origin.y) for p in (a, b)]
         line = -s * (a.x - origin.x) + c * (a.y - origin.y)
-        stations, errors = _interpolated(along, left - line, min(stations_m), max(stations_m))
+        stations, errors = _errors_at_stations(along, left - line, min(stations_m), max(stations_m))
         direction = 1 if stations_m[1] > stations_m[0] else -1
         found.append(Passed(line, direction, abs(stations_m[1] - stations_m[0]), stations, errors))
     return found
 
 
-def _interpolated(along: Array, errors: Array, low: float, high: float) -> tuple[Array, Array]:
+def _errors_at_stations(along: Array, errors: Array, low: float, high: float) -> tuple[Array, Array]:
     """Return the stations passed between `low` and `high` [m], and the interpolated errors at these stations [m]."""
     if along.size < 2:
         return np.empty(0), np.empty(0)

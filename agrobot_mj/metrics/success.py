@@ -22,14 +22,14 @@ MOST_REASONS = 3  # Maximum number of different outcomes and reasons in a text
 Row = Mapping[str, Any]
 
 
-def succeeded(row: Row) -> bool:
+def is_success(row: Row) -> bool:
     """Return whether a run ended with the outcome that its scenario expects; by default the outcome `completed`."""
     return bool(row["expected"] if "expected" in row else row["outcome"] == COMPLETED)
 
 
 def has_errors(row: Row) -> bool:
     """Return whether the tracking errors of a run are valid: the run completed its path, as its scenario expects."""
-    return succeeded(row) and row["outcome"] == COMPLETED
+    return is_success(row) and row["outcome"] == COMPLETED
 
 
 def error_of(row: Row, name: str) -> float | None:
@@ -51,7 +51,7 @@ def without_errors(row: Row) -> dict[str, Any]:
 
 def failures(rows: Sequence[Row]) -> str:
     """Return a text about failed runs, such as `2 of 5: 1 stopped (no GNSS fix), 1 diverged`, or an empty string."""
-    failed = [row for row in rows if not succeeded(row)]
+    failed = [row for row in rows if not is_success(row)]
     return f"{len(failed)} of {len(rows)}: {reasons(failed)}" if failed else ""
 
 

@@ -56,14 +56,14 @@ def reference_at(path: "ReferencePath", t: float) -> Reference:
 def start_of(path: "ReferencePath") -> Reference:
     """Return the reference state at the start, shifted by `start_offset_m` and rotated by `start_heading_deg` to the
     initial pose of the tractor."""
-    r, turned = _planned(path, 0.0), radians(path.start_heading_deg)
+    r, turned = _checked_reference(path, 0.0), radians(path.start_heading_deg)
     if not path.start_offset_m and not turned:
         return r
     x, y = r.x - path.start_offset_m * sin(r.yaw), r.y + path.start_offset_m * cos(r.yaw)
     return r._replace(x=x, y=y, yaw=wrap(r.yaw + turned))
 
 
-def _planned(path: "ReferencePath", t: float) -> Reference:
+def _checked_reference(path: "ReferencePath", t: float) -> Reference:
     try:
         return reference_at(path, t)
     except NotFiniteError as error:
@@ -123,6 +123,6 @@ class ReferencePath(Spec):
         """Return samples of the first lap of the path: one per tick, but at most MAX_SAMPLES."""
         end = self.turns_s[0][1]
         times = np.linspace(0.0, end, min(max(ceil(end / TICK_S), 1), MAX_SAMPLES) + 1)
-        found = np.array([_planned(self, t) for t in times.tolist()])
+        found = np.array([_checked_reference(self, t) for t in times.tolist()])
         x, y, vx, vy, _, curvature = found.T[:6]
         return PathOutline(times, x, y, curvature, np.hypot(vx, vy))

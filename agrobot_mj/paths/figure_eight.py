@@ -61,7 +61,7 @@ def _pieces(radius: float, straight: float, sharpness: float) -> tuple[tuple[_Pi
 
 
 @shared
-def _driven(t: float, ramp: float, speed: float, run_in: float, length: float) -> tuple[float, float]:
+def _lap_position(t: float, ramp: float, speed: float, run_in: float, length: float) -> tuple[float, float]:
     """Return the distance from the start of the current lap [m] and the reference speed [m/s] at time `t` [s]."""
     moved, fraction = progress(t, ramp)
     return (speed * moved - run_in) % length, fraction * speed
@@ -78,7 +78,7 @@ def _on_piece(piece: _Piece, distance: float, speed: float) -> Reference:
 def _references(pieces: Matrix, ramp: float, speed: float, run_in: float, length: float, times: Vector) -> Matrix:
     references = np.empty((times.size, 7))
     for n, t in enumerate(times):
-        distance, now = _driven(t, ramp, speed, run_in, length)
+        distance, now = _lap_position(t, ramp, speed, run_in, length)
         k = 0
         while pieces[k, 0] > distance:
             k += 1
@@ -148,7 +148,7 @@ class FigureEight(Transitions, ReferencePath):
     def at(self, t: float) -> Reference:
         """Return the reference state at time `t` [s]; the figure-eight continues after the last lap."""
         pieces, length = _lap(self)
-        distance, speed = _driven(t, self.ramp_s, self.speed_m_s, self.run_in_m, length)
+        distance, speed = _lap_position(t, self.ramp_s, self.speed_m_s, self.run_in_m, length)
         return _on_piece(next(piece for piece in pieces if piece.start <= distance), distance, speed)
 
     def _references_at(self, times: Vector) -> Matrix:

@@ -51,7 +51,7 @@ class Corner(NamedTuple):
         return self.bend.pieces(self.left, self.speed)
 
 
-def rounded(points: Array, closed: bool, how: Rounding, cuts: Array | None = None) -> Course:
+def round_corners(points: Array, closed: bool, how: Rounding, cuts: Array | None = None) -> Course:
     """Return the course of one lap along the polyline `points` with rounded corners.
 
     `points` has shape (n, 2) or (n, 3): x, y [m] and optionally the maximum speed [m/s]. `cuts`, shape (n,), are added
@@ -64,7 +64,7 @@ def rounded(points: Array, closed: bool, how: Rounding, cuts: Array | None = Non
     inner = [wrap(yaws[k] - yaws[k - 1]) for k in range(1, count)]
     end = wrap(yaws[0] - yaws[-1]) if closed else 0.0
     angles = [end, *inner, end]
-    needs = [need(angle, how) for angle in angles]
+    needs = [corner_weight(angle, how) for angle in angles]
     if not closed:
         needs[0] = needs[-1] = 0.0
     corners: list[Corner | None] = [None]  # before each leg, and after the last leg
@@ -112,7 +112,7 @@ def _pieces(lengths: list[float], speeds: list[float] | None, corners: list[Corn
             yield from bent.pieces
 
 
-def need(angle: float, how: Rounding) -> float:
+def corner_weight(angle: float, how: Rounding) -> float:
     """Return the weight of a corner of `angle` [rad] in the division of the adjacent legs."""
     if not how.shared:
         return 1.0

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from pydantic import PrivateAttr
 
-from agrobot_mj.core.resources import Stamp, stamp, stamped
+from agrobot_mj.core.resources import Stamp, stamp, stamp_of
 from agrobot_mj.paths.profile import Timed
 
 Content = TypeVar("Content")
@@ -35,14 +35,14 @@ class FromFile(Timed):
 
     def check(self) -> None:
         """Check the file name and size, then build the path geometry. Raise ValueError if the file is invalid."""
-        self.content(lambda _: stamped(self.file, self.suffixes, self.max_bytes))
+        self.content(lambda _: stamp_of(self.file, self.suffixes, self.max_bytes))
         super().check()
 
     def content(self, read: Callable[[Stamp], Content]) -> Content:
         """Return the result of the function `read` for the stamp (path, change times and size) of the file. Raise
         ValueError if the file is invalid."""
         try:
-            self._stamp = self._stamp or stamped(self.file, self.suffixes, self.max_bytes)
+            self._stamp = self._stamp or stamp_of(self.file, self.suffixes, self.max_bytes)
             return read(self._stamp)
         except ValueError as error:
             raise ValueError(f"file: {error}") from None

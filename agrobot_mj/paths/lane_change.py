@@ -15,7 +15,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import HUGE, Positive
 from agrobot_mj.paths.parallel import Coordinate
 from agrobot_mj.paths.profile import Timed
-from agrobot_mj.paths.track import Course, placed, samples
+from agrobot_mj.paths.track import Course, course_along, samples
 
 
 class LaneChange(Timed):
@@ -50,7 +50,7 @@ class LaneChange(Timed):
         if self.double:
             back, back_slope = self._change(x - 2 * self.straight_m - self.change_m)
             y, slope = y - back, slope - back_slope
-        return placed((self.start_x_m, self.start_y_m, radians(self.heading_deg)), x, y, slope)
+        return course_along((self.start_x_m, self.start_y_m, radians(self.heading_deg)), x, y, slope)
 
     def _change(self, x: Array) -> tuple[Array, Array]:
         """Return the lateral offset [m] and the slope [-] of a lane change at the distances `x` [m] from its start."""

@@ -58,7 +58,7 @@ class _Joint(NamedTuple):
 
 
 @shared
-def _passed(joint: _Joint, t: float) -> Reference:
+def _reference_on_segment(joint: _Joint, t: float) -> Reference:
     """Return the reference state at time `t` [s] on the segment of a course that starts at `joint`."""
     dt, direction = t - joint.t, joint.direction
     driven, speed = dt * (joint.speed + joint.gain * dt / 2), direction * (joint.speed + joint.gain * dt)
@@ -72,7 +72,7 @@ def _references(joints: Matrix, times: Vector) -> Matrix:
     for n, t in enumerate(times):
         j = joints[np.searchsorted(joints[:, 0], t, "right") - 1]
         joint = _Joint(j[0], j[1], j[2], j[3], j[4], j[5], j[6], j[7], j[8], j[9])
-        write_reference(references, n, _passed(joint, t))
+        write_reference(references, n, _reference_on_segment(joint, t))
     return references
 
 
@@ -134,7 +134,7 @@ class TimedCourse:
         if t <= 0.0:
             first = self._rows[0]
             return reference(Pose(first.x, first.y, first.yaw), first.curvature, 0.0)
-        return _passed(self._rows[bisect_right(self._starts, t) - 1], t)
+        return _reference_on_segment(self._rows[bisect_right(self._starts, t) - 1], t)
 
 
 class Timed(ReferencePath):

@@ -13,7 +13,7 @@ from pydantic import Field
 from agrobot_mj.core.spec import HUGE, Positive
 from agrobot_mj.paths.parallel import Coordinate
 from agrobot_mj.paths.profile import Timed
-from agrobot_mj.paths.track import Course, placed, samples
+from agrobot_mj.paths.track import Course, course_along, samples
 
 
 class Sinusoid(Timed):
@@ -38,4 +38,4 @@ class Sinusoid(Timed):
         A, k, end = self.amplitude_m, 2 * pi / self.wavelength_m, self.wavelength_m * self.count
         x = np.linspace(0.0, end, max(samples(end + 4 * abs(A) * self.count), 64 * self.count + 1))
         start = self.start_x_m, self.start_y_m, radians(self.heading_deg)
-        return placed(start, x, A * np.sin(k * x), A * k * np.cos(k * x))
+        return course_along(start, x, A * np.sin(k * x), A * k * np.cos(k * x))

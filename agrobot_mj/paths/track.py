@@ -179,7 +179,7 @@ def through(x: Array, y: Array, yaw: Array, speeds: Array | float = inf) -> Cour
     return Course(start, lengths, curvatures, allowed, none, none + 1.0, none, trends)
 
 
-def placed(start: tuple[float, float, float], x: Array, y: Array, slope: Array) -> Course:
+def course_along(start: tuple[float, float, float], x: Array, y: Array, slope: Array) -> Course:
     """Return the course along a curve y(x), given by `x` [m], `y` [m] and `slope` (dy/dx) [-], each of shape (n,).
 
     `start` is the pose (x [m], y [m], yaw [rad]) of the coordinate frame of the curve.

@@ -34,9 +34,9 @@ from agrobot_mj.core.resources import Stamp, refuse
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import Positive
 from agrobot_mj.paths.arc import FASTEST_M_S, SLOWEST_M_S
-from agrobot_mj.paths.fillet import Rounding, rounded
+from agrobot_mj.paths.fillet import Rounding, round_corners
 from agrobot_mj.paths.from_file import FromFile
-from agrobot_mj.paths.imports import Polyline, cleaned, local_shapes, read_shapes
+from agrobot_mj.paths.imports import Polyline, clean, local_shapes, read_shapes
 from agrobot_mj.paths.imports.cleaning import CLOSEST_M
 from agrobot_mj.paths.track import Course, checked_length, samples, through
 from agrobot_mj.paths.transition import Transitions
@@ -58,15 +58,15 @@ def track(stamp: Stamp, crs: str, closed: bool) -> Track:
     file = Path(stamp[0])
     read = read_shapes(stamp[0], MAX_BYTES)
     try:
-        shape, left = _chosen(read.shapes)
+        shape, left = _choose_line(read.shapes)
         found = local_shapes(replace(read, shapes=(shape,)), crs)
-        points, notes = _checked(found.shapes[0], closed)
+        points, notes = _clean_line(found.shapes[0], closed)
     except ValueError as error:
         refuse(file, str(error))
     return Track(points, (*found.notes, *left, *notes))
 
 
-def _chosen(shapes: tuple[Polyline, ...]) -> tuple[Polyline, list[str]]:
+def _choose_line(shapes: tuple[Polyline, ...]) -> tuple[Polyline, list[str]]:
     lines = [shape for shape in shapes if not shape.ring and shape.role != "point"]
     rings = [shape for shape in shapes if shape.ring and shape.role != "hole"]
     if not (choice := lines or rings):
@@ -78,13 +78,13 @@ def _chosen(shapes: tuple[Polyline, ...]) -> tuple[Polyline, list[str]]:
     return best, [f"the longest{named} of {len(choice)} {'lines' if lines else 'rings'} is used"]
 
 
-def _checked(shape: Polyline, closed: bool) -> tuple[Array, list[str]]:
+def _clean_line(shape: Polyline, closed: bool) -> tuple[Array, list[str]]:
     points = shape.points
     if len(points) > MAX_ROWS:
         raise ValueError(f"the file has {len(points)} waypoints, but the limit is {MAX_ROWS}; remove some rows")
     notes = list[str]()
     if len(points) >= 3:
-        kept, notes = cleaned(points, closed)
+        kept, notes = clean(points, closed)
         rows = np.asarray(shape.columns.get("row", np.arange(1, len(points) + 1)), float)[kept]
         points = points[kept]
         if "speed" in shape.columns:
@@ -237,7 +237,7 @@ class Waypoints(Transitions, FromFile):
         rounding = Rounding(
             self.corner_radius_m, self.smoothing_m, self.speed_m_s, self.lateral_acceleration_m_s2, self
         )
-        return rounded(points, self.closed, rounding)
+        return round_corners(points, self.closed, rounding)
 
 
 @lru_cache(maxsize=16)

@@ -82,7 +82,7 @@ def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blue
         content = [*plots, *maps]
         parts = np.array_split(np.arange(len(content)), -(-len(content) // MOST_PLOTS))
         names = [name, *(f"{name} {number}" for number in range(2, len(parts) + 1))]
-        return [tiled(views([content[k] for k in part]), each) for each, part in zip(names, parts, strict=True)]
+        return [tile_views(views([content[k] for k in part]), each) for each, part in zip(names, parts, strict=True)]
 
     def views(content: Sequence[tuple[Plot, Frame] | Map]) -> list[rrb.View]:
         share = 1 / -(-len(content) // COLUMNS)
@@ -113,7 +113,7 @@ def _of(plots: Sequence[Plot], starts: tuple[str, ...]) -> list[Plot]:
     return [plot for plot in plots if plot.path.startswith(starts)]
 
 
-def stacked(
+def stack_views(
     plots: Sequence[tuple[Plot, Frame]], end_s: float, below: Sequence[tuple[rrb.View, float]] = ()
 ) -> rrb.Vertical:
     """Return a column of plots above the views `below`. Each item of `below` is a view and its fraction of the
@@ -126,14 +126,14 @@ def stacked(
 
 
 def _beside(plots: Sequence[tuple[Plot, Frame]], shown: Shown, end_s: float) -> rrb.Vertical:
-    plots = aligned(plots)
+    plots = align_plots(plots)
     room = plots[0][1].room if plots else 0.0
     name = f"States; the run: {shown.outcome.replace('_', ' ')}" if shown.outcome else "States"
     states = rrb.StateTimelineView(origin="states", name=name, time_view=whole_run(end_s, room))
-    return stacked(plots, end_s, [(states, min(LANES_BESIDES + LANE * shown.lanes, MOST_LANES))])
+    return stack_views(plots, end_s, [(states, min(LANES_BESIDES + LANE * shown.lanes, MOST_LANES))])
 
 
-def aligned(plots: Sequence[tuple[Plot, Frame]]) -> list[tuple[Plot, Frame]]:
+def align_plots(plots: Sequence[tuple[Plot, Frame]]) -> list[tuple[Plot, Frame]]:
     """Return the plots with equal time axes: if one plot reserves space for its legend, all plots reserve this
     space."""
     room = max((frame.room for _, frame in plots), default=0.0)
@@ -142,7 +142,7 @@ def aligned(plots: Sequence[tuple[Plot, Frame]]) -> list[tuple[Plot, Frame]]:
     return [(plot, frame._replace(room=room, legend=rrb.Corner2D.RightTop)) for plot, frame in plots]
 
 
-def tiled(views: Sequence[rrb.View], name: str, columns: int = COLUMNS) -> rrb.Vertical:
+def tile_views(views: Sequence[rrb.View], name: str, columns: int = COLUMNS) -> rrb.Vertical:
     """Return a grid of views with at most `columns` columns and without empty cells."""
     rows = np.array_split(np.arange(len(views)), -(-len(views) // columns))
     return rrb.Vertical(*(rrb.Horizontal(*(views[i] for i in row)) for row in rows), name=name)

@@ -19,18 +19,18 @@ from agrobot_mj.core.palette import GREEN, LIGHT_GREY, ORANGE, PINK, ROYAL_BLUE,
 from agrobot_mj.core.signals import Array
 from agrobot_mj.metrics.crosstrack import cross_track
 from agrobot_mj.plants.scene import Geom, Scene
-from agrobot_mj.recording.blueprint import aligned, layout, plot_view, scenes, stacked, tiled
-from agrobot_mj.recording.info import compared, describe, tell
+from agrobot_mj.recording.blueprint import align_plots, layout, plot_view, scenes, stack_views, tile_views
+from agrobot_mj.recording.info import comparison_text, describe, tell
 from agrobot_mj.recording.plots.axes import Frame, frame
 from agrobot_mj.recording.plots.catalogue import COMPARED, DIFFERENCE, NEGATED, Plot, Series
 from agrobot_mj.recording.plots.signals import MEAN_S, noisy_means, send_means, style
-from agrobot_mj.recording.transport.sink import Sink, enabled
+from agrobot_mj.recording.transport.sink import Sink, is_enabled
 from agrobot_mj.recording.transport.timeline import APPLICATION, Times, nanoseconds, send
 from agrobot_mj.recording.world.ground import on_ground
 from agrobot_mj.recording.world.motion import sound_rows
 from agrobot_mj.recording.world.names import ENTITY as NAMES
 from agrobot_mj.recording.world.names import move_points, name_points
-from agrobot_mj.recording.world.scene import followed, reference_line, send_scene, shapes
+from agrobot_mj.recording.world.scene import camera_target, reference_line, send_scene, shapes
 from agrobot_mj.recording.world.tracks import piece_ends, strips
 from agrobot_mj.simulation.log import Log
 
@@ -82,11 +82,11 @@ def write_comparison(named: Sequence[tuple[str, Log]], path: Path) -> None:
     ]
     scenario = runs[0].log.scenario
     stream = rr.RecordingStream(APPLICATION, recording_id=f"{scenario.name}-compare-{uuid.uuid4()}")
-    if not enabled(stream, path):
+    if not is_enabled(stream, path):
         return
     sink = Sink(stream, path)
     describe(stream, f"{scenario.name}: {len(runs)} runs", scenario)
-    tell(stream, compared(scenario, [(run.name, run.colour, run.log) for run in runs]))
+    tell(stream, comparison_text(scenario, [(run.name, run.colour, run.log) for run in runs]))
     ground = scenario.terrain.ground()
     reference = max((reference_line(run.log.scenario, ground) for run in runs), key=len)
     send_scene(stream, Scene((), ()), ground, reference)
@@ -129,7 +129,7 @@ def _send(stream: rr.RecordingStream, run: RecordedRun) -> None:
     there = sound_rows(log.poses, log.column("x"), log.column("y"))
     poses = log.poses[:there:POSE_TICKS]
     for i, body in enumerate(log.scene.bodies):
-        geoms = [_painted(geom, run) for geom in log.scene.geoms if geom.body == body]
+        geoms = [_paint_geom(geom, run) for geom in log.scene.geoms if geom.body == body]
         for kind, shape in shapes(geoms).items():
             stream.log(f"{run.place}/{body}/{kind}", shape, static=True)
         if there:
@@ -184,7 +184,7 @@ def _send_plot(stream: rr.RecordingStream, plot: Plot, runs: Sequence[RecordedRu
     return [(shown, frame(t, numbers, shown, beside=True)._replace(mean_s=None if means is None else MEAN_S))]
 
 
-def _painted(geom: Geom, run: RecordedRun) -> Geom:
+def _paint_geom(geom: Geom, run: RecordedRun) -> Geom:
     """Return a geom in the colour of its run. The colour of grey geoms (tyres, metal, glass) is unchanged."""
     opacity = GHOST if run.above else geom.rgba[3]
     channels = np.array(geom.rgba[:3])
@@ -201,7 +201,10 @@ def _blueprint(runs: Sequence[RecordedRun], plots: Sequence[tuple[Plot, Frame]],
     yaw = longest.column("yaw")[:1]
     heading = float(yaw[0]) if np.isfinite(yaw).any() else 0.0
     growing = [f"world/tracks/{run.entity}" for run in runs]
-    size, seen = max(run.log.scenario.tractor.size for run in runs), f"{runs[-1].place}/{followed(runs[-1].log.scene)}"
+    size, seen = (
+        max(run.log.scenario.tractor.size for run in runs),
+        f"{runs[-1].place}/{camera_target(runs[-1].log.scene)}",
+    )
     left = scenes(reference, heading, size, seen, growing)
     tab = [plot_view(plot, end_s, framed, 2 / (len(plots) + 1)) for plot, framed in plots]
-    return layout(left, stacked(aligned(plots[:BESIDE]), end_s), tiled(tab, "Control", 2))
+    return layout(left, stack_views(align_plots(plots[:BESIDE]), end_s), tile_views(tab, "Control", 2))

@@ -33,7 +33,7 @@ def running(scenario: Scenario) -> str:
     return _page(scenario, "*The run is active or was killed before its end.*")
 
 
-def broken(scenario: Scenario, error: BaseException, t: float) -> str:
+def exception_text(scenario: Scenario, error: BaseException, t: float) -> str:
     """Return the Markdown text that a recording contains after an exception at the time `t` [s]."""
     return _page(scenario, f"**ended by an error** after {t:.2f} s: `{type(error).__name__}: {error}`")
 
@@ -53,7 +53,7 @@ def summary(log: Log) -> str:
 COMPARED = ("lateral_mse", "lateral_rms", "longitudinal_rms", "xte_rms", "yaw_rate_error_rms")
 
 
-def compared(scenario: Scenario, runs: Sequence[tuple[str, int, Log]]) -> str:
+def comparison_text(scenario: Scenario, runs: Sequence[tuple[str, int, Log]]) -> str:
     """Return the Markdown text of a comparison; `runs` contains name, colour 0xRRGGBBAA and log of each run."""
     shown = [name for name in COMPARED if any(log.metrics[name] is not None for *_, log in runs)]
     heads = ("run", "colour", "outcome", *(f"{name} [{unit_of(name)}]" for name in shown))

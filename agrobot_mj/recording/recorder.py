@@ -16,17 +16,17 @@ import rerun as rr
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.recording.blueprint import Shown, blueprint
-from agrobot_mj.recording.info import broken, describe, running, summary, tell
+from agrobot_mj.recording.info import describe, exception_text, running, summary, tell
 from agrobot_mj.recording.plots.axes import Frame
 from agrobot_mj.recording.plots.catalogue import reported_plots
 from agrobot_mj.recording.plots.network import Firing, network_columns, network_plots
 from agrobot_mj.recording.plots.signals import Signals
 from agrobot_mj.recording.plots.states import LANES, States
-from agrobot_mj.recording.transport.sink import Sink, enabled
+from agrobot_mj.recording.transport.sink import Sink, is_enabled
 from agrobot_mj.recording.transport.timeline import APPLICATION, nanoseconds
 from agrobot_mj.recording.world.motion import BodyMotion
 from agrobot_mj.recording.world.names import size_in_view
-from agrobot_mj.recording.world.scene import followed, reference_line, send_scene
+from agrobot_mj.recording.world.scene import camera_target, reference_line, send_scene
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.storage import RECORDING, clear
@@ -57,7 +57,7 @@ class Recording:
         if self.path is not None and self.path.name == RECORDING:
             clear(self.path.parent)  # older results would not match the new recording
         self.stream = rr.RecordingStream(APPLICATION, recording_id=f"{scenario.name}-{scenario.hash8}-{uuid.uuid4()}")
-        self.recording = enabled(self.stream, self.path)
+        self.recording = is_enabled(self.stream, self.path)
         if not self.recording:
             return
         self.sink = Sink(self.stream, self.path, self.live, rows.values.nbytes + SPARE_BYTES)
@@ -122,7 +122,7 @@ class Recording:
         self._thread.shutdown()
         if not self.recording:
             return
-        tell(self.stream, broken(self.scenario, error, self.rows.filled * TICK_S))
+        tell(self.stream, exception_text(self.scenario, error, self.rows.filled * TICK_S))
         self.sink.close()
         if self.path is not None and isinstance(error, KeyboardInterrupt) and not self.rows.filled:
             self.path.unlink(missing_ok=True)
@@ -134,7 +134,7 @@ class Recording:
         if outcome:  # constant plots are identified at the end of the run
             frames = self.signals.finish(self.stream)
             plots = [plot for plot in plots if plot.path in frames]
-        size, seen = self.scenario.tractor.size, f"world/bodies/{followed(self.motion.scene)}"
+        size, seen = self.scenario.tractor.size, f"world/bodies/{camera_target(self.motion.scene)}"
         size = size_in_view(size, self.rows.poses[0, :, :2])
         shown = Shown(plots, self.firing.maps, self.states.count, frames, outcome, size, seen)
         self.stream.send_blueprint(blueprint(shown, places, self.rows.column("yaw")[0], end_s))

@@ -29,13 +29,13 @@ def check_files(scenario: Tables, source: str, ground: bool = True) -> None:
         try:
             scenario.path.check()
         except ValueError as error:
-            raise ScenarioError(f"{source}: {prefixed('path', str(error))}") from None
+            raise ScenarioError(f"{source}: {prefix_key('path', str(error))}") from None
         errors = [*path_errors(scenario), *equipment_errors(scenario), *(ground_errors(scenario) if ground else [])]
     if errors:
         raise ScenarioError("\n".join(f"{source}: {error}" for error in errors))
 
 
-def prefixed(table: str, text: str) -> str:
+def prefix_key(table: str, text: str) -> str:
     """Prefix an error message with the key `table`. If the message starts with a key, a dot joins the two keys."""
     return f"{table}.{text}" if re.match(r"[a-z0-9_.\[\]]+: ", text) else f"{table}: {text}"
 
@@ -86,7 +86,7 @@ def equipment_errors(s: Tables) -> Iterator[str]:
         try:
             part.check()
         except ValueError as error:
-            yield prefixed(table, str(error))
+            yield prefix_key(table, str(error))
     if s.sensors.implement_gnss.enabled and s.implement.kind == "none":
         yield ('sensors.implement_gnss: the scenario has no implement; set implement.kind = "mounted" or "drawn"')
 
@@ -98,7 +98,7 @@ def ground_errors(s: Tables) -> list[str]:
         if s.terrain.ground().covers(start.x, start.y):
             return []
     except ValueError as error:
-        return [prefixed("terrain", str(error))]
+        return [prefix_key("terrain", str(error))]
     reach = max(map(abs, s.terrain.ground().extent))
     if max(abs(start.x), abs(start.y)) > reach + FAR_M:
         fix = "shift the path: subtract the coordinates of a point on the field"

@@ -38,7 +38,7 @@ Assumed value."""
 
 def hints(scenario: Scenario) -> list[str]:
     """Return a line of text for each key that has no effect, or that does not suit the machine size or the path."""
-    own = (_faults, _late, _overruled, _machine, _learned, path_hints)
+    own = (_faults, _late, _overridden_keys, _machine, _learned_lap_mismatch, path_hints)
     return [line for part in own for line in part(scenario)]
 
 
@@ -65,7 +65,7 @@ def _late(scenario: Scenario) -> Iterator[str]:
         yield f"supervisor.coasting_after_s: {most:g} s {why}"
 
 
-def _overruled(scenario: Scenario) -> Iterator[str]:
+def _overridden_keys(scenario: Scenario) -> Iterator[str]:
     given = flat(explicit_values(on_machine({"machine": scenario.machine})))
     used = dict(flat(scenario.model_dump(mode="json")))
     other = [key for key, value in given if used.get(key) != value]
@@ -82,7 +82,7 @@ def _machine(scenario: Scenario) -> list[str]:
         return []  # the machine is invalid, and its construction reports the error
 
 
-def _learned(scenario: Scenario) -> Iterator[str]:
+def _learned_lap_mismatch(scenario: Scenario) -> Iterator[str]:
     if (file := getattr(scenario.guidance, "file", None)) is None:
         return
     lap = SampledRoute(scenario.path).lap()

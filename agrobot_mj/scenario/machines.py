@@ -11,7 +11,7 @@ from math import isclose
 from pathlib import Path
 from typing import Any
 
-from agrobot_mj.core.errors import ScenarioError, shortened, suggestion
+from agrobot_mj.core.errors import ScenarioError, shorten, suggestion
 from agrobot_mj.core.resources import absence, machine_files, stamp
 from agrobot_mj.plants.mujoco.own_body import measures
 from agrobot_mj.scenario.overrides import machine_data, names_file
@@ -32,9 +32,9 @@ def machine_file(name: str) -> tuple[Path, int, int, int] | None:
     path = shipped.get(name, Path(name))
     if name not in shipped and not names_file("machine", name):
         known = ", ".join(shipped)
-        raise ScenarioError(f"machine: unknown {shortened(name)!r}{suggestion(name, list(shipped))} (known: {known})")
+        raise ScenarioError(f"machine: unknown {shorten(name)!r}{suggestion(name, list(shipped))} (known: {known})")
     if (content := stamp(str(path))) is None or not path.is_file():
-        raise ScenarioError(f"machine: {shortened(str(path))}: {absence(path)}")
+        raise ScenarioError(f"machine: {shorten(str(path))}: {absence(path)}")
     return path, *content[1:]
 
 

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import ValidationError
 
-from agrobot_mj.core.errors import ScenarioError, shortened
+from agrobot_mj.core.errors import ScenarioError, shorten
 from agrobot_mj.core.learned import LEARNED
 from agrobot_mj.core.messages import explain
 from agrobot_mj.core.resources import SCENARIOS, absence, is_file, library_file
@@ -65,7 +65,7 @@ def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> No
     """
     *tables, last = dotted.split(".")
     if not all([*tables, last]):
-        raise ScenarioError(f"--set {shortened(dotted)}: this is not a key; specify table.key=value")
+        raise ScenarioError(f"--set {shorten(dotted)}: this is not a key; specify table.key=value")
     table: Any = data
     for depth, name in enumerate(tables):
         if isinstance(table, list):
@@ -75,11 +75,11 @@ def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> No
             table = table.setdefault(name, [] if counted else {})
         if not isinstance(table, dict | list):
             near = elsewhere(type(default), last)
-            raise ScenarioError(f"--set {shortened(dotted)}: {'.'.join(tables[: depth + 1])} is not a table{near}")
+            raise ScenarioError(f"--set {shorten(dotted)}: {'.'.join(tables[: depth + 1])} is not a table{near}")
     if isinstance(table, list):
         key = ".".join(tables)
         raise ScenarioError(
-            f"--set {shortened(dotted)}: {key} is a list; specify {key}.0.key=value, or set the complete list"
+            f"--set {shorten(dotted)}: {key} is a list; specify {key}.0.key=value, or set the complete list"
         )
     if last == "kind" and _kind(data, tables, default) != value:
         of_kind = (".".join(names := [name for name in tables if not name.isdecimal()]), value)
@@ -95,10 +95,10 @@ def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> No
 
 def _item(items: list[Any], name: str, dotted: str, key: str) -> Any:
     if not name.isdecimal():
-        raise ScenarioError(f"--set {shortened(dotted)}: {key} is a list; specify {key}.0.key=value")
+        raise ScenarioError(f"--set {shorten(dotted)}: {key} is a list; specify {key}.0.key=value")
     if len(name) > 9 or int(name) >= len(items):
         has = f"the scenario has {len(items)} tables [[{key}]], and 0 is the first; add one to the file"
-        raise ScenarioError(f"--set {shortened(dotted)}: {has}")
+        raise ScenarioError(f"--set {shorten(dotted)}: {has}")
     return items[int(name)]
 
 

@@ -28,7 +28,7 @@ from pydantic_core import PydanticSerializationError
 from agrobot_mj.core.contracts import check_argument
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.identity import digest, take_in, taking_in_imports
-from agrobot_mj.core.resources import installed, is_file
+from agrobot_mj.core.resources import entry_points_of, is_file
 from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.core.walk import Key, keys
 from agrobot_mj.metrics import METRICS, Metric
@@ -49,11 +49,11 @@ def register(member: Member, name: str | None = None) -> Member:
     The function can be used as a decorator. A sensor becomes the table `[sensors.NAME]`. The default name is the class
     name in lower case with underscores. A metric is evaluated in every run.
     """
-    _rebuild(Scenario, _added(member, name), {})
+    _rebuild(Scenario, _add_to_family(member, name), {})
     return member
 
 
-def _added(member: type[Spec], name: str | None = None) -> set[type[Spec]]:
+def _add_to_family(member: type[Spec], name: str | None = None) -> set[type[Spec]]:
     """Add a class to its family, as `register` does, and return the classes whose validators must be rebuilt."""
     check_argument("member", member, isinstance(member, type), "a class")
     check_argument("name", name, name is None or isinstance(name, str), "a string")
@@ -105,7 +105,7 @@ def _left_open(member: type[Spec]) -> list[str]:
 def _add_sensor(name: str, member: type[Spec], default: Spec) -> set[type[Spec]]:
     there = Sensors.model_fields.get(name)
     if there and not _same(there.annotation, member):
-        raise _taken(f"sensors.{name}", there.annotation, f"another name for {member.__name__}")
+        raise _taken_error(f"sensors.{name}", there.annotation, f"another name for {member.__name__}")
     field = FieldInfo.from_annotated_attribute(member, default)
     field.description = inspect.getdoc(member)
     Sensors.model_fields[name] = field
@@ -119,7 +119,7 @@ def _add_metric(metric: Metric) -> None:
     others = [other for other in METRICS if not _same(type(other), type(metric))]
     for other in others:
         if taken := [other.kind] if other.kind == metric.kind else sorted(other.names & metric.names):
-            raise _taken(f"metric {taken[0]!r}", type(other))
+            raise _taken_error(f"metric {taken[0]!r}", type(other))
     METRICS[:] = [*others, metric]
 
 
@@ -128,7 +128,7 @@ def _add_listed(default: Any, registry: list[Any]) -> None:
     others = [other for other in registry if not _same(type(other), type(default))]
     for other in others:
         if other.kind == default.kind:
-            raise _taken(f"kind {default.kind!r}", type(other))
+            raise _taken_error(f"kind {default.kind!r}", type(other))
     registry[:] = [default, *others]
 
 
@@ -145,7 +145,7 @@ def _add_kind(member: type[Spec]) -> set[type[Spec]]:
         field = key.owner.model_fields[key.name]
         there = key.kinds.get(kind)
         if there and not _same(there, member):
-            raise _taken(f"{family[0].dotted}.kind {kind!r}", there)
+            raise _taken_error(f"{family[0].dotted}.kind {kind!r}", there)
         field.annotation = _with_member(field.annotation, member, there)
     return {key.owner for key in family}
 
@@ -155,7 +155,7 @@ def _same(there: Any, member: type[Spec]) -> bool:
     return (there.__module__, there.__qualname__) == (member.__module__, member.__qualname__)
 
 
-def _taken(what: str, there: Any, choose: str = "another") -> ScenarioError:
+def _taken_error(what: str, there: Any, choose: str = "another") -> ScenarioError:
     own = there.__module__.startswith("agrobot_mj.")
     file = None if own else getattr(sys.modules.get(there.__module__), "__file__", None)
     return ScenarioError(f"register: {what} already exists{f' in {file}' if file else ''}; choose {choose}")
@@ -210,7 +210,7 @@ def load_plugins(paths: Iterable[Path]) -> None:
     for path in paths:
         if (file := path.resolve()) not in _files:
             with _naming(f"--plugin {path}"):
-                _files[file] = _run(path)
+                _files[file] = _import_file(path)
 
 
 def loaded_files() -> tuple[Path, ...]:
@@ -268,7 +268,7 @@ def load_installed() -> None:
     Raises `ScenarioError` for an invalid plugin.
     """
     changed = set[type[Spec]]()
-    for entry in installed("plugins"):
+    for entry in entry_points_of("plugins"):
         with _naming(f"plugin {entry.name}{f' of {entry.dist.name}' if entry.dist else ''}"):
             with taking_in_imports():
                 found = entry.load()
@@ -276,7 +276,7 @@ def load_installed() -> None:
             if not isinstance(found, tuple):
                 found = _public_members([found] if inspect.isclass(found) else vars(found).values())
             for member in found:
-                changed |= _added(member)
+                changed |= _add_to_family(member)
     _rebuild(Scenario, changed, {})  # once for all members, because a rebuild takes 50 ms
 
 
@@ -292,7 +292,7 @@ def _naming(source: str) -> Iterator[None]:
         raise ScenarioError(f"{source}: {place}{type(error).__name__}: {error}") from error
 
 
-def _run(path: Path) -> ModuleType:
+def _import_file(path: Path) -> ModuleType:
     if not path.is_file() or path.suffix != ".py":
         raise ScenarioError(
             "the file is not a Python file (.py)" if path.exists() else "no such file; specify an existing file"

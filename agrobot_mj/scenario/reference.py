@@ -7,7 +7,7 @@ from difflib import SequenceMatcher
 from functools import cache
 from typing import Any, NamedTuple
 
-from agrobot_mj.core.errors import ScenarioError, shortened
+from agrobot_mj.core.errors import ScenarioError, shorten
 from agrobot_mj.core.spec import UNPRINTABLE, Spec, members
 from agrobot_mj.core.walk import TableClass, alternatives, keys, named_by, places
 from agrobot_mj.metrics import METRICS, Metric
@@ -139,7 +139,7 @@ def explain_key(key: str) -> str:
     For a word that is not a key, return the keys and kinds that match the word. Raises `ScenarioError` if nothing
     matches.
     """
-    key = shortened(key)
+    key = shorten(key)
     named = [step for step in re.sub(r"\[\d+\]", "", key).split(".") if not step.isdecimal()]
     if not key:
         return "\n".join(_keys_of("", places(Scenario(), [])))
@@ -158,7 +158,7 @@ def explain_key(key: str) -> str:
         return _kind_text(table, _places(steps, chosen))
     if inner := _places(steps, chosen):
         text = document(owners[0], steps[-1]).text
-        return "\n".join([dotted, *_indented(text), *_kinds_of(dotted), "", *_keys_of(dotted, inner)])
+        return "\n".join([dotted, *_indent(text), *_kinds_of(dotted), "", *_keys_of(dotted, inner)])
     docs: dict[Doc, list[TableClass]] = {}
     for place in owners:
         docs.setdefault(document(place, steps[-1]), []).append(place)
@@ -195,14 +195,14 @@ def _kind_text(chosen: tuple[str, str], having: list[TableClass]) -> str:
     part = families()[table][kind]
     more = (inspect.getdoc(part) or "").partition("\n")[2]
     text = f"{first_line(part, kind)}\n{more}"
-    return "\n".join([f"{table}.kind = {kind}", *_indented(text), "", *_keys_of(table, having)])
+    return "\n".join([f"{table}.kind = {kind}", *_indent(text), "", *_keys_of(table, having)])
 
 
 def _metric_text(metric: Metric) -> str:
     width = max((len(column.name) for column in metric.columns), default=0)
     values = [f"  {column.name:{width}}  {column.description} [{column.unit}]" for column in metric.columns]
     text = inspect.getdoc(type(metric)) or ""
-    return "\n".join([f"metric {metric.kind}", *_indented(text), "", "values", *values])
+    return "\n".join([f"metric {metric.kind}", *_indent(text), "", "values", *values])
 
 
 def _holding(words: list[str]) -> list[str]:
@@ -228,13 +228,13 @@ def _words(words: list[str]) -> str:
     return f"no key {' '.join(words)!r}; keys that contain it{also}"
 
 
-def _indented(text: str) -> list[str]:
+def _indent(text: str) -> list[str]:
     return [f"  {line.strip()}" for line in text.splitlines() if line.strip()]
 
 
 def _doc_lines(doc: Doc, having: list[TableClass]) -> list[str]:
     rows = {"unit": doc.unit, "value": doc.kind, "default": doc.default, "source": doc.source}
-    lines = [*_indented(doc.text), *(f"  {name:8} {text}" for name, text in rows.items() if text)]
+    lines = [*_indent(doc.text), *(f"  {name:8} {text}" for name, text in rows.items() if text)]
     chosen = dict.fromkeys(choice for place in having for choice in place.kinds)
     for table, known in families().items():
         kinds = [kind for where, kind in chosen if where == table]

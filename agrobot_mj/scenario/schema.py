@@ -14,7 +14,7 @@ from typing import Any
 import tomli_w
 
 from agrobot_mj.core.contracts import check_overrides
-from agrobot_mj.core.identity import Identity, code, digest, file_digest, joined
+from agrobot_mj.core.identity import Identity, code, digest, file_digest, joint_digest
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.checks import check_files
 from agrobot_mj.scenario.machines import COMPACT, embody, machine_file, machine_tables
@@ -39,7 +39,7 @@ class Scenario(Tables):
     @property
     def hash8(self) -> str:
         """Hash of the scenario and of its files, as eight hexadecimal digits."""
-        return joined(self.identity[:2])
+        return joint_digest(self.identity[:2])
 
     @property
     def identity(self) -> Identity:
@@ -48,7 +48,7 @@ class Scenario(Tables):
         read = files(content)
         relocate_files(content)  # the locations of files are not part of the experiment
         said = digest(json.dumps(content, sort_keys=True).encode())
-        return Identity(said, joined(file_digest(file) for file in read), *code())
+        return Identity(said, joint_digest(file_digest(file) for file in read), *code())
 
     def to_toml(self) -> str:
         """Return the scenario with all values, including defaults, as TOML text.
@@ -86,14 +86,14 @@ def resolve(
         override(data, key, value, default)
     own = deepcopy(data)
     complete(data, default)
-    scenario = _validated(data, source)
+    scenario = _validate(data, source)
     forget(scenario, own)
     if files:
         check_files(scenario, source)
     return scenario
 
 
-def _validated(data: dict[str, Any], source: str) -> Scenario:
+def _validate(data: dict[str, Any], source: str) -> Scenario:
     added = embody(data, source)
     scenario = read_spec(Scenario, data, source)
     scenario.tractor.model_fields_set.difference_update(added)
@@ -127,4 +127,4 @@ def _on_machine(cascade: bool, path: FilePath, *_changed: int) -> Scenario:
     if cascade:
         tables.pop("guidance", None)
     complete(tables, Scenario())
-    return _validated(tables, path.name)
+    return _validate(tables, path.name)

@@ -15,7 +15,7 @@ from pydantic import Field
 
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.kernels import jit
-from agrobot_mj.core.randomness import Shares, normal, shares, wandered
+from agrobot_mj.core.randomness import Shares, gauss_markov_step, normal, shares
 from agrobot_mj.core.signals import Quality
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
 from agrobot_mj.sensors.base import SensedMotion
@@ -44,7 +44,7 @@ def antenna_heading(
     """
     if not p.enabled:
         return slow, nan
-    slow = wandered(slow, p.kept, generator)
+    slow = gauss_markov_step(slow, p.kept, generator)
     aside = p.slow * slow + p.sigma * normal(generator)
     error = atan(aside / p.baseline) + p.mounting
     leaning = -atan(sin(motion.pitch) * tan(motion.roll))

@@ -15,7 +15,16 @@ from pydantic import AfterValidator, Field
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.kernels import jit
 from agrobot_mj.core.lines import SignalLine
-from agrobot_mj.core.randomness import GaussMarkov, Shares, addresses, normal, shares, stream, wandered, wandered_plane
+from agrobot_mj.core.randomness import (
+    GaussMarkov,
+    Shares,
+    addresses,
+    gauss_markov_step,
+    normal,
+    shares,
+    stream,
+    wandered_plane,
+)
 from agrobot_mj.core.signals import NOMINAL, TICK_S, Column, Conditions, Fix, Frozen, Quality, Truth, worse
 from agrobot_mj.core.spec import Discrete, Fraction, Latency, NonNegative, Positive
 from agrobot_mj.core.vectors import Vector
@@ -116,8 +125,8 @@ def solution(
     aside, heading = antenna_heading(p.dual, s.aside, streams.aside, motion, sky.quality)
     fixed = wandered_plane(s.fixed, p.fixed.kept, streams.fixed)
     floating = wandered_plane(s.floating, p.floating.kept, streams.floating)
-    up_fixed = wandered(s.height[0], p.fixed.kept, streams.height)
-    up_floating = wandered(s.height[1], p.floating.kept, streams.height)
+    up_fixed = gauss_markov_step(s.height[0], p.fixed.kept, streams.height)
+    up_floating = gauss_markov_step(s.height[1], p.floating.kept, streams.height)
     multipath = _further(p.multipath, s.multipath, streams.multipath)
     drift = _further(p.drift, s.drift, streams.drift)
     white_x, white_y = normal(streams.fixed), normal(streams.fixed)
@@ -148,7 +157,7 @@ def _further(p: FurtherPart, error: Vector, generator: int) -> Vector:
     if p.sigma == 0.0:
         return error
     east, north = wandered_plane((error[0], error[1]), p.kept, generator)
-    return east, north, wandered(error[2], p.kept, generator)
+    return east, north, gauss_markov_step(error[2], p.kept, generator)
 
 
 class Delivery(NamedTuple):

@@ -78,8 +78,8 @@ def attitude(p: ImuLaw, s: ImuValues, streams: tuple[int], motion: SensedMotion)
     last = now if s.last.yaw != s.last.yaw else s.last
     turned = wrap(now.yaw - last.yaw)
     pull = _acceleration(last, now, turned, p.dt)
-    known = _known(p, last, now, turned)
-    roll, pitch = _levelled(p, s.tilt, (pull[0] - known[0], pull[1] - known[1], pull[2]), turned, motion)
+    known = _aiding_acceleration(p, last, now, turned)
+    roll, pitch = _tilt_errors(p, s.tilt, (pull[0] - known[0], pull[1] - known[1], pull[2]), turned, motion)
     force = _force(pull, motion)
     reading = Attitude(
         motion.roll + roll + radians(e_r), motion.pitch + pitch + radians(e_p), force[0], force[1], force[2]
@@ -106,7 +106,7 @@ def _acceleration(last: UnitMotion, now: UnitMotion, turned: float, dt: float) -
 
 
 @jit
-def _known(p: ImuLaw, last: UnitMotion, now: UnitMotion, turned: float) -> tuple[float, float]:
+def _aiding_acceleration(p: ImuLaw, last: UnitMotion, now: UnitMotion, turned: float) -> tuple[float, float]:
     """Return the acceleration [m/s2] that aiding computes from speed and yaw rate, forward and to the left, or 0
     without aiding."""
     if not p.aided:
@@ -115,7 +115,7 @@ def _known(p: ImuLaw, last: UnitMotion, now: UnitMotion, turned: float) -> tuple
 
 
 @jit
-def _levelled(
+def _tilt_errors(
     p: ImuLaw, tilt: tuple[float, float], pull: Vector, turned: float, motion: SensedMotion
 ) -> tuple[float, float]:
     """Return the errors of roll and pitch [rad] after a tick in which aiding does not compensate the acceleration

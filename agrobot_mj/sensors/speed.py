@@ -18,7 +18,7 @@ from math import cos
 from typing import NamedTuple
 
 from agrobot_mj.core.kernels import jit
-from agrobot_mj.core.randomness import GaussMarkov, Shares, normal, shares, stream, wandered
+from agrobot_mj.core.randomness import GaussMarkov, Shares, gauss_markov_step, normal, shares, stream
 from agrobot_mj.core.signals import Column
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.sensors.base import CompiledSensor, Noise, OptionalSensor, SensedMotion
@@ -41,8 +41,8 @@ class SpeedValues(NamedTuple):
 
 
 @jit
-def _speed(p: SpeedLaw, s: SpeedValues, streams: tuple[int], speed: float) -> tuple[SpeedValues, float]:
-    slow = wandered(s.slow, p.kept, streams[0])
+def _measured_speed(p: SpeedLaw, s: SpeedValues, streams: tuple[int], speed: float) -> tuple[SpeedValues, float]:
+    slow = gauss_markov_step(s.slow, p.kept, streams[0])
     white = normal(streams[0])
     found = (p.scale + p.slow * slow) * speed + p.sigma * white
     return SpeedValues(slow), found if abs(speed) >= p.least else 0.0
@@ -51,13 +51,13 @@ def _speed(p: SpeedLaw, s: SpeedValues, streams: tuple[int], speed: float) -> tu
 @jit
 def wheel_speed(p: SpeedLaw, s: SpeedValues, streams: tuple[int], motion: SensedMotion) -> tuple[SpeedValues, float]:
     """Return the new state and the measured circumferential speed of the driven wheels [m/s]."""
-    return _speed(p, s, streams, motion.wheel_speed)
+    return _measured_speed(p, s, streams, motion.wheel_speed)
 
 
 @jit
 def radar_speed(p: SpeedLaw, s: SpeedValues, streams: tuple[int], motion: SensedMotion) -> tuple[SpeedValues, float]:
     """Return the new state and the measured absolute speed over ground [m/s]."""
-    s, found = _speed(p, s, streams, abs(motion.speed) / cos(motion.pitch))
+    s, found = _measured_speed(p, s, streams, abs(motion.speed) / cos(motion.pitch))
     return s, max(found, 0.0)
 
 

@@ -85,7 +85,7 @@ class Sensors(Spec):
 
     def init(self, seed: int) -> SensorState:
         """Return the state before the first tick; `seed` determines the random streams of the sensors."""
-        compiled, others = _split(self)
+        compiled, others = _split_by_stage(self)
         states: dict[str, Any] = {name: sensor.init(seed) for name, sensor in compiled.items()}
         gnss, steering_pot, pedal_pot = states["gnss"], states["steering_pot"], states["pedal_pot"]
         noises = {"gnss": gnss.noise, **{name: states[name] for name in NOISY}}
@@ -115,7 +115,7 @@ NOISY = Values._fields[1:]  # Names of the compiled sensors that may be absent
 KINDS = {name: type(getattr(Sensors(), name)) for name in Generators._fields}  # Classes of the compiled sensors by name
 
 
-def _split(sensors: Sensors) -> tuple[dict[str, Any], dict[str, Sensor]]:
+def _split_by_stage(sensors: Sensors) -> tuple[dict[str, Any], dict[str, Sensor]]:
     """Return the sensors evaluated in the compiled call, and the sensors evaluated by their method `measure`.
 
     A sensor whose class overrides `measure` or `seen` belongs to the second group. A sensor with default settings then
@@ -136,7 +136,7 @@ class Suite:
     def __init__(self, sensors: Sensors, dt: float) -> None:
         """Prepare the sensors for ticks of length `dt` [s]."""
         self.columns, self.dt = sensors.columns, dt
-        compiled, self.others = _split(sensors)
+        compiled, self.others = _split_by_stage(sensors)
         self.compiled: dict[str, Any] = compiled
         self.gnss, self.steering_pot, self.pedal_pot = compiled["gnss"], compiled["steering_pot"], compiled["pedal_pot"]
         self._prepared: tuple[int, Any] = 0, None

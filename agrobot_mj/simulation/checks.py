@@ -317,10 +317,10 @@ def steerable(s: Scenario, command: Command) -> Command:
     if abs(command.steer) > ABSURD_STEER:
         angle = f"{degrees(command.steer):.4g} deg, more than 90 deg"
         raise NotFiniteError(f"command.steer is {angle}, returned by the guidance law ({s.guidance.kind}); use radians")
-    return limited(command, s.tractor.steer_limit)
+    return limit_steering(command, s.tractor.steer_limit)
 
 
-def limited(command: Command, steer_limit: float) -> Command:
+def limit_steering(command: Command, steer_limit: float) -> Command:
     """Return the command with its steering angle limited to `steer_limit` [rad]."""
     if -steer_limit <= command.steer <= steer_limit:
         return command

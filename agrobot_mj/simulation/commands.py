@@ -7,7 +7,7 @@ from agrobot_mj.core.errors import CommandError
 from agrobot_mj.core.geometry import to_heading
 from agrobot_mj.core.kernels import fetched
 from agrobot_mj.core.signals import Command
-from agrobot_mj.simulation.checks import ABSURD_STEER, limited
+from agrobot_mj.simulation.checks import ABSURD_STEER, limit_steering
 from agrobot_mj.simulation.loop import Loop
 
 LEAST_SPEED = 0.1  # Minimum absolute speed in the conversion of a yaw rate to a curvature [m/s]
@@ -40,4 +40,4 @@ def command_of(loop: Loop, given: dict[str, float], speed: float | None) -> Comm
     angle = value if kind == "steer" else atan(machine.wheelbase_m * value)
     if abs(angle) > ABSURD_STEER:
         raise CommandError(f"{kind}: must be between -pi/2 and pi/2 rad, got {value}")
-    return limited(Command(angle, along), machine.steer_limit)
+    return limit_steering(Command(angle, along), machine.steer_limit)

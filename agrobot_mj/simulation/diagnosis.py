@@ -50,7 +50,7 @@ def diagnosis(log: Log, view: RunView, metrics: Mapping[str, Any]) -> dict[str, 
     if not s.guidance.using(s.controller).follows_path or part is None:
         return {}
     askew = abs(degrees(metrics.get("level_sideslip") or 0.0)) > SIDESLIP_MOST
-    cause, remedy = _named(s, cause_of(view, across=True), askew) if part > (guidance or 0.0) else (GUIDANCE, "")
+    cause, remedy = _cause_text(s, cause_of(view, across=True), askew) if part > (guidance or 0.0) else (GUIDANCE, "")
     remedy = remedy if part > WORTH_M else ""
     warnings = list(_warnings(s, view, metrics, askew, remedy))
     found = {"xte_cause": cause, "xte_remedy": remedy, "estimate_warning": ". ".join(warnings)}
@@ -65,7 +65,7 @@ def _warnings(s: Scenario, view: RunView, metrics: Mapping[str, Any], askew: boo
     """
     nees, nis = (metrics[name] or 0.0 for name in ("position_nees", "position_nis"))
     if nees > NEES_MOST or nis > NIS_MOST:
-        cause, remedy = _named(s, cause_of(view, across=False), askew)
+        cause, remedy = _cause_text(s, cause_of(view, across=False), askew)
         about = f": {cause}" if cause else ""
         numbers = f"position NEES {nees:.0f}, NIS {nis:.1f}, both 2 for a consistent filter"
         worth = rms(np.hypot(*(view.column(name) - view.column(f"{name}_hat") for name in "xy"))) or 0.0
@@ -80,7 +80,7 @@ def _warnings(s: Scenario, view: RunView, metrics: Mapping[str, Any], askew: boo
         yield f"a steady sideslip of {beta:.1f} deg on level ground is not plausible{reason}"
 
 
-def _named(s: Scenario, cause: str, askew: bool) -> tuple[str, str]:
+def _cause_text(s: Scenario, cause: str, askew: bool) -> tuple[str, str]:
     """Return a cause and its remedy as text. The remedy is empty if its keys are already set or do not apply."""
     if cause == HEADING and askew and s.sensors.gnss.dual_antenna.enabled:
         return MOUNTING, CALIBRATE
@@ -94,7 +94,7 @@ def _named(s: Scenario, cause: str, askew: bool) -> tuple[str, str]:
         return cause, ""
     enabled = [key.removesuffix(".enabled") for key, value in keys.items() if value is True]
     parts = [f'set {key} = "{value}"' for key, value in keys.items() if isinstance(value, str)]
-    return cause, "; ".join([*parts, *([f"enable {_listed(enabled)}"] if enabled else [])])
+    return cause, "; ".join([*parts, *([f"enable {_enumerate_names(enabled)}"] if enabled else [])])
 
 
 def _value(tables: Any, key: str) -> Any:
@@ -104,7 +104,7 @@ def _value(tables: Any, key: str) -> Any:
     return tables
 
 
-def _listed(names: list[str]) -> str:
+def _enumerate_names(names: list[str]) -> str:
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 

@@ -16,9 +16,9 @@ from agrobot_mj.control.base import Situation
 from agrobot_mj.control.deviation import Followed, Situated, law_form
 from agrobot_mj.control.evidence import Sensed
 from agrobot_mj.control.pid import STANDSTILL_S, LoopCommand, LoopsState
-from agrobot_mj.control.supervision import linked, supervisor_form, tracking
+from agrobot_mj.control.supervision import supervisor_form, tick_link, tracking
 from agrobot_mj.control.supervisor import Mode
-from agrobot_mj.core.calls import Linked, address_of, called
+from agrobot_mj.core.calls import Linked, address_of, caller_of
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.held import Held
 from agrobot_mj.core.kernels import fetched, held, jit, stage
@@ -50,7 +50,7 @@ from agrobot_mj.simulation.log import Rows
 from agrobot_mj.simulation.loop import SATURATION_MARGIN, Loop
 from agrobot_mj.simulation.low_level import run_loops
 from agrobot_mj.simulation.outcomes import LOST_M, Standstill, is_stuck, standstill_after
-from agrobot_mj.simulation.receiver import MountedReceiver, at_axle, turned
+from agrobot_mj.simulation.receiver import MountedReceiver, advance_receiver, at_axle
 
 HISTORY_S = 6.0
 """Time before a fault in which no episode is performed [s]. In single ticks, the estimator and the supervisor store the
@@ -146,9 +146,14 @@ class Current(NamedTuple):
     standstill: Standstill
 
 
-_sense, _estimate, _guide, _supervise = called(sense), called(estimator_form), called(law_form), called(supervisor_form)
-_loops, _write = called(run_loops), called(write_row)
-_steps, _look, _report = called(steps_form), called(look_form), called(report_form)
+_sense, _estimate, _guide, _supervise = (
+    caller_of(sense),
+    caller_of(estimator_form),
+    caller_of(law_form),
+    caller_of(supervisor_form),
+)
+_loops, _write = caller_of(run_loops), caller_of(write_row)
+_steps, _look, _report = caller_of(steps_form), caller_of(look_form), caller_of(report_form)
 DONE, EVENT, TROUBLE, INVALID, FAILED = range(5)
 """Reasons for the end of an episode: maximum length; event in the next tick; plant trouble, such as a roll-over, after
 the last tick (sensors not read); invalid measurement or estimate after the last tick; error of MuJoCo."""
@@ -191,7 +196,7 @@ def _fix_at_axle(receiver: MountedReceiver, m: SensorReadings, s: RunNumbers) ->
 
 
 @jit
-def _decided(
+def _decide(
     now: Current, code: Code, links: Links, s: RunNumbers, path: PlannedPath, r: Reference, preview: float
 ) -> Planned:
     """Return the decisions of the guidance law, the supervisor and the low-level loops for the current tick.
@@ -233,7 +238,7 @@ def _decided(
 
 
 @jit
-def _logged(
+def _write_row(
     now: Current, planned: Planned, code: Code, plant: PlantCode, s: RunNumbers, r: Reference, height: float,
     row: Vector, poses: Matrix,
 ) -> tuple[Standstill, bool]:  # fmt: skip
@@ -288,7 +293,7 @@ def _scatter(row: Vector, columns: Index, values: Vector) -> None:
 
 
 @jit
-def _moved(now: Current, drive: Drive, plant: PlantCode) -> tuple[bool, Held[Truth], TractorMotion, bool]:
+def _advance_plant(now: Current, drive: Drive, plant: PlantCode) -> tuple[bool, Held[Truth], TractorMotion, bool]:
     """Advance the plant by a tick. Return True on success, the true state, the motion and the new `Current.clear`."""
     volts = drive.steer_voltage, nan if drive.brake > 0.0 else drive.pedal_voltage
     done, (moved, clear) = _steps(plant.steps, (plant.rig, volts, 0, now.clear))
@@ -309,7 +314,7 @@ def _is_valid(m: SensorReadings, sound: bool, s: RunNumbers) -> bool:
 
 
 @jit
-def _estimated(
+def _update_estimate(
     now: Current, values: Held[Values], m: SensorReadings, code: Code, links: Links, s: RunNumbers
 ) -> tuple[bool, Current]:
     """Update the estimate with the measurement `m`. Return whether the estimate is finite, and the new state."""
@@ -329,7 +334,7 @@ def _estimated(
         return False, now
     e, receiver = fetched(estimate), now.receiver
     if not (receiver.arm[0] == 0.0 and receiver.arm[1] == 0.0):
-        receiver = turned(receiver, seen, e.yaw, e.speed, TICK_S)
+        receiver = advance_receiver(receiver, seen, e.yaw, e.speed, TICK_S)
     return True, Current(
         now.truth, now.motion, now.clear, now.ticks, values, m, receiver, estimator, estimate, shown, now.guidance,
         now.followed, now.guided, now.supervision, now.loops, now.drive, now.pedal, now.standstill,
@@ -349,13 +354,13 @@ def advance(
     last = now.values, now.readings, True
     for k in range(path.heights.size):
         r = reference_in(path.references, k)
-        planned = _decided(now, code, links, s, path, r, path.previews[k])
+        planned = _decide(now, code, links, s, path, r, path.previews[k])
         if not planned.regular:
             return now, k, EVENT, last
-        standstill, ends = _logged(now, planned, code, plant, s, r, path.heights[k], values[k], poses[k])
+        standstill, ends = _write_row(now, planned, code, plant, s, r, path.heights[k], values[k], poses[k])
         if ends:
             return now, k, EVENT, last
-        moved, truth, motion, clear = _moved(now, planned.drive, plant)
+        moved, truth, motion, clear = _advance_plant(now, planned.drive, plant)
         if not moved:
             return now, k, FAILED, last
         now = Current(
@@ -370,7 +375,7 @@ def advance(
             return now, k, FAILED, last
         valid = _is_valid(m, sound, s)
         if valid:
-            valid, now = _estimated(now, sensors, m, code, links, s)
+            valid, now = _update_estimate(now, sensors, m, code, links, s)
         if not valid:
             return now, k + 1, INVALID, (sensors, m, sound)
     return now, path.heights.size, DONE, last
@@ -383,7 +388,7 @@ SENSED = (
     *("gnss_z", "gnss_heading", "gyro", "imu_roll", "imu_pitch", "imu_force_x", "imu_force_y", "imu_force_z"),
     *("wheel_speed", "radar_speed", "implement_gnss_x", "implement_gnss_y"),
 )
-"""Columns of the sensors, in the order in which `_logged` writes them."""
+"""Columns of the sensors, in the order in which `_write_row` writes them."""
 AHEAD_M = 30.0  # Distance up to which the path is sampled ahead of the tractor, in addition to the driven distance [m]
 
 
@@ -433,7 +438,7 @@ class Episodes:
             return None
         if not loop.supervisor.enabled:
             return estimator, guidance, None
-        supervision = linked(loop.supervisor, state.supervisor, s.tractor, loop.towed, s.sensors.gyro.enabled)
+        supervision = tick_link(loop.supervisor, state.supervisor, s.tractor, loop.towed, s.sensors.gyro.enabled)
         return supervision and (estimator, guidance, supervision)
 
     def advance(self, standstill: Standstill, most: int) -> tuple[int, Standstill]:

@@ -65,12 +65,12 @@ class Wiring(NamedTuple):
         """Return the state of the lines after a tick of `dt` [s], and the voltages received by the valves."""
         if conditions.valve == conditions.pedal_valve == SOUND:
             return drive, drive
-        steer, steer_voltage = _carried(self.steer, drive.steer_voltage, conditions.valve, dt)
-        pedal, pedal_voltage = _carried(self.pedal, drive.pedal_voltage, conditions.pedal_valve, dt)
+        steer, steer_voltage = _transmit(self.steer, drive.steer_voltage, conditions.valve, dt)
+        pedal, pedal_voltage = _transmit(self.pedal, drive.pedal_voltage, conditions.pedal_valve, dt)
         return Wiring(steer, pedal), drive._replace(steer_voltage=steer_voltage, pedal_voltage=pedal_voltage)
 
 
-def _carried(line: SignalLine, voltage: float, distortion: Distortion, dt: float) -> tuple[SignalLine, float]:
+def _transmit(line: SignalLine, voltage: float, distortion: Distortion, dt: float) -> tuple[SignalLine, float]:
     """Return the new state of a line and the received voltage [V], limited to the valve range, or NaN without power."""
     line, arrived = line.carried(voltage - NEUTRAL_V, distortion, dt)
     return line, arrived if isnan(arrived) else NEUTRAL_V + min(max(arrived, -NEUTRAL_V), NEUTRAL_V)

@@ -108,7 +108,7 @@ def tally(description: str, total: int, done: int = 0, quiet: bool = False) -> I
         yield count.advance
 
 
-def elapsed(description: str, quiet: bool) -> AbstractContextManager[None]:
+def print_elapsed(description: str, quiet: bool) -> AbstractContextManager[None]:
     """Return a context manager that prints the elapsed time on stderr every `SILENCE_S`, unless `quiet`."""
     return nullcontext() if quiet else Count(description, 0, 0, None, quiet).breaking_silence()
 

@@ -45,7 +45,7 @@ class MountedReceiver(NamedTuple):
         if self.arm == (0.0, 0.0):
             return self
         estimate = fetched(estimate)
-        return turned(self, Readings.of(measured), estimate.yaw, estimate.speed, dt)
+        return advance_receiver(self, Readings.of(measured), estimate.yaw, estimate.speed, dt)
 
 
 @shared
@@ -60,7 +60,7 @@ def at_axle(s: MountedReceiver, m: Readings, fix: Fix) -> Fix:
 
 
 @shared
-def turned(s: MountedReceiver, m: Readings, yaw: float, speed: float, dt: float) -> MountedReceiver:
+def advance_receiver(s: MountedReceiver, m: Readings, yaw: float, speed: float, dt: float) -> MountedReceiver:
     """Return the state of the receiver after a tick of `dt` [s], for the estimated `yaw` [rad] and `speed` [m/s]."""
     heading = s.yaw + dt * (_yaw_rate(s, m) + wrap(yaw - s.yaw) / SLOWLY_S)
     return MountedReceiver(s.arm, s.wheelbase, wrap(heading), speed, m.t)

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.locks import locked
+from agrobot_mj.core.locks import acquire_lock
 
 MARK = ".agrobot-mj"  # Name of the marker file, which contains a comment line, then one file name per line
 HEAD = "# agrobot_mj wrote the files listed here and may replace them; all other files in this folder are kept."
@@ -42,13 +42,13 @@ def results(folder: Path, names: Iterable[str] = (), shared: bool = False) -> It
     made = [path for path in (folder, *folder.parents) if not path.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        handle = locked(folder, PATIENCE_S if shared else 0.0)
+        handle = acquire_lock(folder, PATIENCE_S if shared else 0.0)
     except TimeoutError:
         raise ScenarioError(
             f"--out {folder}: another run is writing to this folder; wait for it to end, or specify another folder"
         ) from None
     try:
-        marked = owned(folder) is not None
+        marked = owned_files(folder) is not None
         claim(folder, (name for name in names if name.endswith("/")))
         if not shared:
             _remove_half_written(folder)
@@ -67,14 +67,14 @@ def results(folder: Path, names: Iterable[str] = (), shared: bool = False) -> It
 
 def check_folder(folder: Path, names: Iterable[str] = ()) -> None:
     """Raise `ScenarioError` unless the files or folders `names` may be written to `folder`."""
-    if folder.is_dir() and owned(folder) is None and any(not _is_torn_mark(path) for path in folder.iterdir()):
+    if folder.is_dir() and owned_files(folder) is None and any(not _is_torn_mark(path) for path in folder.iterdir()):
         raise ScenarioError(
             f"{folder}: the folder contains files that agrobot-mj did not write; specify another folder, or allow "
             f"agrobot-mj to write its results into this one with: touch {shlex.quote(str(folder / MARK))}"
         )
     check_names(folder, names := tuple(names))
     main = MAIN_FILES.keys() & set(names)
-    for name in sorted(MAIN_FILES.keys() & (owned(folder) or set()) - main):
+    for name in sorted(MAIN_FILES.keys() & (owned_files(folder) or set()) - main):
         if main and (folder / name).exists() and (folder / MARK).stat().st_size:
             raise ScenarioError(
                 f"{folder}: the folder already contains {MAIN_FILES[name]} ({name}), which must not be mixed with "
@@ -89,7 +89,7 @@ def claim(folder: Path, names: Iterable[str]) -> None:
     """
     names = sorted(names)
     check_names(folder, names)
-    before, wanted = owned(folder), frozenset(name.removesuffix("/") for name in names)
+    before, wanted = owned_files(folder), frozenset(name.removesuffix("/") for name in names)
     if before is not None and wanted <= before and (folder / MARK).stat().st_size:
         return
     folder.mkdir(parents=True, exist_ok=True)
@@ -103,7 +103,7 @@ def claim(folder: Path, names: Iterable[str]) -> None:
         temporary.unlink(missing_ok=True)
 
 
-def owned(folder: Path) -> frozenset[str] | None:
+def owned_files(folder: Path) -> frozenset[str] | None:
     """Return the file names listed in the marker file of `folder`.
 
     Return the names of all files in the folder if the marker file is empty, and None if there is no marker file.
@@ -119,7 +119,7 @@ def owned(folder: Path) -> frozenset[str] | None:
 
 def remove(folder: Path, names: Iterable[str]) -> None:
     """Delete the files `names` that the marker file of `folder` lists."""
-    ours = owned(folder) or frozenset()
+    ours = owned_files(folder) or frozenset()
     for name in names:
         if name in ours:
             (folder / name).unlink(missing_ok=True)
@@ -135,7 +135,7 @@ def atomic(path: Path) -> Iterator[Path]:
     if path.is_char_device() or path.is_block_device():
         raise OSError(errno.EINVAL, "is a device; specify a file", str(path))
     path.parent.mkdir(parents=True, exist_ok=True)
-    if owned(path.parent) is not None:
+    if owned_files(path.parent) is not None:
         claim(path.parent, [path.name])
     temporary = temporary_path(path)
     try:
@@ -183,7 +183,7 @@ def errors_naming(path: Path) -> Iterator[None]:
 
 def check_names(folder: Path, names: Iterable[str]) -> None:
     """Raise `ScenarioError` for an invalid file name, and for an existing file that agrobot-mj did not write."""
-    ours = owned(folder) or frozenset()
+    ours = owned_files(folder) or frozenset()
     for given in names:
         name = given.removesuffix("/") if isinstance(given, str) else given
         if not is_bare(name):
@@ -204,7 +204,7 @@ def _is_torn_mark(path: Path) -> bool:
 
 def _remove_half_written(folder: Path) -> None:
     """Delete partial files of this package from `folder` and from the subfolders listed in the marker file."""
-    ours = {*(owned(folder) or ()), MARK}
+    ours = {*(owned_files(folder) or ()), MARK}
     for path in folder.iterdir():
         if (match := _STALE.fullmatch(path.name)) and match["name"] in ours and path.is_file():
             path.unlink(missing_ok=True)

@@ -83,7 +83,7 @@ class Simulation:
         with self._guard:
             if not self.done:
                 self._now()
-            return resumed, (type(self), self._save()), others
+            return resume_simulation, (type(self), self._save()), others
 
     def reset(self) -> Measurement:
         """Set the simulation to its initial state. Return the first measurement."""
@@ -359,7 +359,7 @@ OWN = {
 """Names of the attributes of `Simulation` itself. All other attributes belong to subclasses and are copied deeply."""
 
 
-def resumed(cls: type[Simulation], state: Snapshot) -> Simulation:
+def resume_simulation(cls: type[Simulation], state: Snapshot) -> Simulation:
     """Return a simulation of the class `cls` in the state of a snapshot."""
     sim = cls.__new__(cls)
     sim.scenario, sim.identity, sim._guard = state.scenario, str(state.scenario.identity), Guard()

@@ -13,7 +13,7 @@ from typing import Any
 
 import pyarrow.parquet as pq
 
-from agrobot_mj.core.errors import installed
+from agrobot_mj.core.errors import is_installed
 from agrobot_mj.core.interrupts import held_back
 from agrobot_mj.core.learned import LEARNED, learned_table
 from agrobot_mj.scenario.plugins import plugin_note
@@ -34,7 +34,7 @@ Writer = Callable[[Path], None]  # Function that writes a file at the given path
 @cache
 def can_record() -> bool:
     """Return whether rerun-sdk is installed. If not, the first call prints the command that installs rerun-sdk."""
-    if installed("rerun"):
+    if is_installed("rerun"):
         return True
     print('no recording: rerun-sdk is not installed; pip install "agrobot-mj[recording]"', file=sys.stderr)
     return False

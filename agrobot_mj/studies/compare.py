@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 
-from agrobot_mj.core.errors import installed
+from agrobot_mj.core.errors import is_installed
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.metrics.success import error_of, failures, has_errors, without_errors
 from agrobot_mj.simulation.log import Log, SavedRows
@@ -60,7 +60,7 @@ def compare(comparison: Comparison, folder: Path, jobs: int | None = None, quiet
 
 
 def _draw(logs: Sequence[tuple[Case, Log]], folder: Path) -> None:
-    if not installed("matplotlib"):
+    if not is_installed("matplotlib"):
         print('no figures: matplotlib is not installed; pip install "agrobot-mj[report]"', file=sys.stderr)
         return
     from agrobot_mj.studies.report import ReportedRun, write_figures

@@ -118,7 +118,7 @@ def plan(
     _check_number(len(laws), len(able), seeds, most)
     cases, lines = list[Case](), list[SweepVariant]()
     named = list(zip(laws, safe_names(law.name for law in laws), strict=True))
-    tried = {(plant, place): _tried(scenario, plant, law) for plant, (law, place) in product(able, named)}
+    tried = {(plant, place): _scenario_or_error(scenario, plant, law) for plant, (law, place) in product(able, named)}
     for plant, (law, place) in product(able, named):
         first = tried[plant, place]
         if isinstance(first, ScenarioError):
@@ -146,7 +146,7 @@ def competing(
     _check_variants(variants)
     own = [variant for variant in variants if _is_law(variant)]
     conditions = [variant for variant in variants if not _is_law(variant)]
-    named = _named(scenario, controllers, guidance, bool(variants))
+    named = _laws_of_kinds(scenario, controllers, guidance, bool(variants))
     found = [
         CompetingLaw(f"{variant.name}, {law.name}", {**law.overrides, **variant.set}, variant.name)
         if law.name
@@ -162,7 +162,7 @@ def _is_law(variant: SweepVariant) -> bool:
     return any(key.split(".")[0] in ("guidance", "controller") for key in variant.set)
 
 
-def _named(
+def _laws_of_kinds(
     scenario: Scenario, controllers: Sequence[str] | None, guidance: Sequence[str] | None, varied: bool
 ) -> list[CompetingLaw]:
     """Return the laws for lists of controller and guidance kinds. Default without lists and variants: `CONTROLLERS`."""
@@ -209,7 +209,7 @@ def _takes_controller(scenario: Scenario) -> bool:
     return scenario.guidance.using(scenario.controller) is not scenario.guidance
 
 
-def _tried(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario | ScenarioError:
+def _scenario_or_error(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario | ScenarioError:
     place = f"--variant {law.variant!r}: " if law.variant else ""
     try:
         changed = scenario.changed({"plant.kind": plant, **law.overrides})

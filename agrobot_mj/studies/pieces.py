@@ -40,15 +40,15 @@ def at_speed(scenario: Scenario, speed: float) -> Scenario:
     changed = scenario.changed({"path.speed_m_s": speed})
     if scenario.duration_s is None:
         return changed
-    length, end = _walked(scenario.path, scenario.duration_s)[2][-1], scenario.duration_s
+    length, end = _reference_points(scenario.path, scenario.duration_s)[2][-1], scenario.duration_s
     if not length:
         return changed
-    while (walked := _walked(changed.path, end))[2][-1] < length and end < LONGEST_S:
+    while (walked := _reference_points(changed.path, end))[2][-1] < length and end < LONGEST_S:
         end *= 1.5
     return changed.changed({"duration_s": float(np.interp(length, walked[2], walked[0]))})
 
 
-def _walked(path: Path, end: float) -> tuple[Array, Array, Array]:
+def _reference_points(path: Path, end: float) -> tuple[Array, Array, Array]:
     """Return times (n,) [s], positions (n, 2) [m] and arc lengths (n,) [m] of the reference up to time `end` [s]."""
     times = np.linspace(0.0, end, SAMPLES)
     points = sample(path, times)
@@ -58,7 +58,7 @@ def _walked(path: Path, end: float) -> tuple[Array, Array, Array]:
 def _stations(scenario: Scenario) -> Array:
     """Return equidistant points on the path segment of a scenario [m], shape (n, 2). The last row contains the segment
     length twice."""
-    _, points, way = _walked(scenario.path, scenario.ticks * TICK_S)
+    _, points, way = _reference_points(scenario.path, scenario.ticks * TICK_S)
     places = np.linspace(0.0, way[-1], STATIONS)
     along = np.stack([np.interp(places, way, column) for column in points.T], axis=1)
     return np.vstack([along, [way[-1], way[-1]]])

@@ -80,7 +80,7 @@ def trajectory(runs: Runs) -> Figure:
     _label(grid, "x [m]", "y [m]")
     turns = [_key("first turn", DARK_GREY, ":"), _key("later turns", DARK_GREY)]
     several = len(runs[0].log.scenario.path.turns_s) > 1
-    _legend(figure, [_key("reference", "black", "--", 0.5), *(turns if several else []), *_keys(runs), *_failed(runs)])
+    _legend(figure, [_key("reference", "black", "--", 0.5), *(turns if several else []), *_keys(runs), *_crosses(runs)])
     return figure
 
 
@@ -150,7 +150,7 @@ def _error(runs: Runs, column: str, label: str) -> Figure:
         axes.plot(t, values, color=_colour(runs, run.law))
         _mark_end(axes, runs, run, t, values)
 
-    return _panels(runs, draw, label, [*_keys(runs), *_failed(runs)], rows=False)
+    return _panels(runs, draw, label, [*_keys(runs), *_crosses(runs)], rows=False)
 
 
 def _panels(
@@ -227,7 +227,7 @@ def _keys(runs: Runs) -> list[Line2D]:
     return [_key(name, _colour(runs, law)) for law, name in names.items()]
 
 
-def _failed(runs: Runs) -> list[Line2D]:
+def _crosses(runs: Runs) -> list[Line2D]:
     if not any(run.failed for run in runs):
         return []
     return [Line2D([], [], label="failed", color="black", marker="x", markersize=5, linestyle="")]

@@ -12,7 +12,7 @@ from agrobot_mj.core.resources import stamp as file_stamp
 from agrobot_mj.core.spec import HUGE, Positive, Spec
 from agrobot_mj.terrain.grid import MOST_STEPS, NOTHING_SPECIAL, Ground
 from agrobot_mj.terrain.patches import Base, GroundPatch, surface
-from agrobot_mj.terrain.variation import SurfaceName, Variation, named
+from agrobot_mj.terrain.variation import SurfaceName, Variation, named_surface
 
 Side = Annotated[float, Field(gt=0, le=2 * HUGE)]
 
@@ -117,7 +117,7 @@ def _ground(landscape: Landscape, stamp: tuple[object, ...]) -> Ground:
     heights = np.asarray(relief.heights)
     if heights.ndim != 2 or min(heights.shape) < 2 or not np.isfinite(heights).all():
         raise ValueError("relief: the heights must be finite numbers in at least two rows and two columns")
-    base = Base(named(landscape.surface), landscape.variation if landscape.variation.active else None)
+    base = Base(named_surface(landscape.surface), landscape.variation if landscape.variation.active else None)
     if base.variation is None and not landscape.patch:
         uniform = NOTHING_SPECIAL._replace(elsewhere=base.properties)
         return relief if landscape.surface is None else relief._replace(surface=uniform)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.resources import checked, refuse
+from agrobot_mj.core.resources import checked_path, refuse
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import HUGE
 from agrobot_mj.terrain.geotiff import HEIGHT_MODES, cell_and_corner, open_tiff, without_gaps
@@ -42,8 +42,8 @@ def read_grid(file: str) -> Sheet:
 
     Raises ValueError for a file that cannot be used.
     """
-    with _keyed():
-        path = checked(file, list(READERS), MOST_BYTES)
+    with _prefix_file_key():
+        path = checked_path(file, list(READERS), MOST_BYTES)
         sheet = READERS[path.suffix.lower()](path)
         _fits(path, sheet.values.shape)
         if bad := np.argwhere(~np.isfinite(sheet.values)).tolist():
@@ -54,13 +54,13 @@ def read_grid(file: str) -> Sheet:
 
 def read_picture(file: str) -> Array:
     """Return the brightness in a grey PNG image from 0 (black) to 1 (white), shape (rows, columns); row 0 is south."""
-    with _keyed():
-        sheet = _read_png(checked(file, [".png"], MOST_BYTES))
+    with _prefix_file_key():
+        sheet = _read_png(checked_path(file, [".png"], MOST_BYTES))
         return sheet.values / sheet.white
 
 
 @contextmanager
-def _keyed() -> Iterator[None]:
+def _prefix_file_key() -> Iterator[None]:
     try:
         yield
     except ValueError as error:

@@ -101,7 +101,7 @@ def forget(memory: SoilMemory) -> None:
     memory.used[0] = 0
 
 
-def saved(memory: SoilMemory) -> SavedSoil:
+def save_memory(memory: SoilMemory) -> SavedSoil:
     """Return a copy of a soil memory, which `restore` can load again."""
     return SavedSoil(_places(memory), memory.cells[: memory.used[0]].copy())
 

@@ -121,7 +121,7 @@ def gaussian_field(noise: np.random.Generator, shape: tuple[int, int], cell: flo
     return np.ascontiguousarray(field[: shape[0], : shape[1]])
 
 
-def named(surface: SurfaceName | None) -> tuple[float, float, float]:
+def named_surface(surface: SurfaceName | None) -> tuple[float, float, float]:
     """Return friction factor [-], cone index [Pa] and rolling resistance [-] of a named surface; (1, 0, 0) for None."""
     if surface is None:
         return 1.0, 0.0, 0.0

@@ -26,10 +26,10 @@ from agrobot_mj.tyres.patch import (
     TyreSet,
     WheelMotion,
     add_wrench,
-    displaced,
+    displace_wheel,
     find_patch,
     footing_of,
-    lowered,
+    lower_patch,
     moved_aside,
     relax,
     rolling_torque,
@@ -244,7 +244,7 @@ def wheel_step(
     firm = float(tyres.carcass[i, 0])
     spring = firm * float(tyres.springs[i, 1])
     # the lateral deflection of the carcass displaces the contact; the axial component of the load deflects the carcass
-    ring = displaced(wheel, bristle[3])
+    ring = displace_wheel(wheel, bristle[3])
     patch = find_patch(ground, tyres.radius[i], ring)
     lean = dot(wheel.axle, patch.n) if tyres.load_follows else 0.0
     slipped = min(abs(bristle[0]) / max(tyres.relaxation[i, 0], SHORTEST), 1.0)
@@ -283,7 +283,7 @@ def wheel_step(
     axle_torque = rolling_torque(tyres, i, load, r_e, patch.spin, footing.rolling) - (r_e - loaded) * force.x
     moment = way * aligning(tyres, slip_y, force.y) + scrub(tyres, i, patch, load, footing.grip, dt, bristle)
     f_y = force.y + soil.edge
-    held = lowered(patch, loaded / (tyres.radius[i] - patch.penetration))
+    held = lower_patch(patch, loaded / (tyres.radius[i] - patch.penetration))
     if tyres.load_follows:
         # without the force of the carcass damper
         bristle[3] = axial + force.y / spring + adhering(softened, force, K) * tau * (z_y - pushed)

@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
-from agrobot_mj.core.vectors import Vector, cross, dot, minus, plus, scaled, unit
+from agrobot_mj.core.vectors import Vector, cross, dot, minus, plus, scale, unit
 from agrobot_mj.terrain.grid import Ground, height_and_gradient, rolling_at, surface_at
 from agrobot_mj.tyres.base import Footing, TyreLaw
 from agrobot_mj.tyres.bearing import Bearing, Tread
@@ -91,7 +91,7 @@ class ContactPatch(NamedTuple):
 @kernel
 def down_in_wheel_plane(n: Vector, axle: Vector) -> Vector:
     """Return the unit vector in the plane of a wheel that points down to the ground, whose normal is `n`."""
-    return unit(minus(scaled(dot(n, axle), axle), n))
+    return unit(minus(scale(dot(n, axle), axle), n))
 
 
 @kernel
@@ -120,32 +120,32 @@ def find_patch(ground: Ground, radius: float, wheel: WheelMotion) -> ContactPatc
     f = unit(cross(axle, n))
     left = cross(n, f)
     down = down_in_wheel_plane(n, axle)
-    arm = scaled(radius - penetration, down)
+    arm = scale(radius - penetration, down)
     # the patch moves with the axle, not with the tread: the spin does not move it over the ground
     spin = dot(rotation, axle)
-    carrier = minus(rotation, scaled(spin, axle))
+    carrier = minus(rotation, scale(spin, axle))
     v = plus(velocity, cross(carrier, arm))
     return ContactPatch(penetration, -dot(v, n), n, f, left, arm, dot(v, f), dot(v, left), spin, dot(carrier, n))
 
 
 @kernel
-def lowered(patch: ContactPatch, share: float) -> ContactPatch:
+def lower_patch(patch: ContactPatch, share: float) -> ContactPatch:
     """Return the patch with its lever arm multiplied by `share` [-], for a wheel at the bottom of a rut."""
-    p, arm = patch, scaled(share, patch.arm)
+    p, arm = patch, scale(share, patch.arm)
     return ContactPatch(p.penetration, p.rate, p.n, p.f, p.l, arm, p.v_x, p.v_y, p.spin, p.turn)
 
 
 @kernel
 def moved_aside(patch: ContactPatch, axle: Vector, by: float) -> ContactPatch:
     """Return the patch displaced along the axle to the left by `by` [m]."""
-    p, arm = patch, plus(patch.arm, scaled(by, axle))
+    p, arm = patch, plus(patch.arm, scale(by, axle))
     return ContactPatch(p.penetration, p.rate, p.n, p.f, p.l, arm, p.v_x, p.v_y, p.spin, p.turn)
 
 
 @kernel
-def displaced(wheel: WheelMotion, by: float) -> WheelMotion:
+def displace_wheel(wheel: WheelMotion, by: float) -> WheelMotion:
     """Return the wheel displaced along its axle to the left by `by` [m]."""
-    return WheelMotion(plus(wheel.centre, scaled(by, wheel.axle)), wheel.axle, wheel.velocity, wheel.rotation)
+    return WheelMotion(plus(wheel.centre, scale(by, wheel.axle)), wheel.axle, wheel.velocity, wheel.rotation)
 
 
 @kernel
@@ -198,7 +198,7 @@ def add_wrench(wrench: Array, patch: ContactPatch, axle: Vector, at_patch: Vecto
     n, f = patch.n, patch.f
     f_x, f_y, load = at_patch
     push, axle_torque, moment = extra
-    force = plus(plus(scaled(f_x, f), scaled(f_y, patch.l)), scaled(load, n))
+    force = plus(plus(scale(f_x, f), scale(f_y, patch.l)), scale(load, n))
     torque = cross(patch.arm, force)
     for k in range(3):
         wrench[k] = force[k] + push * f[k]

@@ -33,7 +33,7 @@ SHEARED = 20.0
 
 
 @kernel
-def sheared(j: float) -> float:
+def shear_strength_share(j: float) -> float:
     """Return the used fraction of shear strength [-]; `j` is the displacement at the patch end divided by modulus K."""
     if j < 1e-3:
         return 0.5 * j - j * j / 6.0
@@ -67,7 +67,7 @@ class RutsLaw(NamedTuple):
         H = slip.footing.grip * (A * self.cohesion + slip.load * self.tan_phi)
         j = hypot(slip_of_faster(slip), slip.y) * L / self.K
         m = force_direction(slip, (H, H), (1.0, 1.0), j, self.anisotropy)
-        used = sheared(j)
+        used = shear_strength_share(j)
         return TyreForce(-used * H * m.x, -used * H * m.y, held_by_grip(j, SHEARED, slip.v_roll), used)
 
     def drag(self, slip: Slip, direction: float) -> float:

@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple
 from agrobot_mj.control.pid import clip
 from agrobot_mj.core.agopengps.layouts import cross_track_byte
 from agrobot_mj.core.agopengps.messages import Hello, SteerData, SteerSettings
-from agrobot_mj.core.agopengps.position import Position, read
+from agrobot_mj.core.agopengps.position import Position, decode_position
 from agrobot_mj.core.agopengps.wire import encode
 from agrobot_mj.core.geodesy import Origin, to_local
 from agrobot_mj.core.geometry import to_heading, wrap
@@ -202,7 +202,7 @@ class Guide(NamedTuple):
 
     def receive(self, state: GuideState, datagram: bytes, t: float) -> tuple[GuideState, list[bytes]]:
         """Process a datagram from the boards at time `t` [s]. Return the new state and the reply messages."""
-        position = read(datagram)
+        position = decode_position(datagram)
         if position is None:
             return state, []
         answers = []

@@ -14,7 +14,7 @@ from agrobot_mj.control import Lqr, Nmpc, PurePursuit, Stanley, following
 from agrobot_mj.control.base import Situation
 from agrobot_mj.control.deviation import sideslip
 from agrobot_mj.control.following import Following
-from agrobot_mj.control.lqr import SPEEDS, _gains, _sampled, rolling, slip_of
+from agrobot_mj.control.lqr import SPEEDS, _discrete_model, _gains, rolling, slip_of
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S, Command, Estimate
 from agrobot_mj.paths import Circle
@@ -265,7 +265,7 @@ def test_larger_lqr_weights_change_gains_with_the_expected_sign(key: str, gain: 
 def test_lqr_closed_loop_is_stable_at_every_grid_speed(speed: float, reverse: bool) -> None:
     law, u = Lqr(), -speed if reverse else speed
     a, wheelbase = rolling(slip_of(law, MACHINE), u)
-    A, B = _sampled(a, u / wheelbase, u, law.steering_lag_s, 2)
+    A, B = _discrete_model(a, u / wheelbase, u, law.steering_lag_s, 2)
     assert abs(np.linalg.eigvals(A - B @ _gains(law, MACHINE, u)[0][None])).max() < 1.0
 
 
@@ -274,7 +274,7 @@ def test_lqr_closed_loop_is_stable_at_every_grid_speed(speed: float, reverse: bo
 def test_lqr_integral_has_the_documented_time_constant(speed: float, integral: float) -> None:
     law = Lqr(integral_m_s=integral)
     a, wheelbase = rolling(slip_of(law, MACHINE), speed)
-    A, B = _sampled(a, speed / wheelbase, speed, law.steering_lag_s, round(law.steering_delay_s / TICK_S))
+    A, B = _discrete_model(a, speed / wheelbase, speed, law.steering_lag_s, round(law.steering_delay_s / TICK_S))
     slowest = abs(np.linalg.eigvals(A - B @ _gains(law, MACHINE, speed)[0][None])).max()
     assert -TICK_S / np.log(slowest) == pytest.approx(integral / law.offset_m, rel=0.05)
 
@@ -283,7 +283,7 @@ def test_discrete_lqr_model_matches_integration_with_small_steps() -> None:
     """One tick of the model equals a fine integration of its equations."""
     law, u, n = Lqr(steering_delay_s=0.0), 0.4, 0
     a, wheelbase = rolling(slip_of(law, MACHINE), u)
-    A, B = _sampled(a, u / wheelbase, u, law.steering_lag_s, n)
+    A, B = _discrete_model(a, u / wheelbase, u, law.steering_lag_s, n)
     x, command = np.array([0.1, -0.05, 0.1, 0.0]), 0.2
     expected = A @ x + B[:, 0] * command
     for _ in range(5000):
@@ -296,7 +296,7 @@ def test_discrete_lqr_model_matches_integration_with_small_steps() -> None:
 @pytest.mark.parametrize("n", [1, 2, 4])
 def test_lqr_model_responds_after_the_valve_delay(n: int) -> None:
     a, wheelbase = rolling(slip_of(Lqr(), MACHINE), 1.0)
-    (late, given_late), (prompt, given_now) = (_sampled(a, 1.0 / wheelbase, 1.0, 0.7, k) for k in (n, 0))
+    (late, given_late), (prompt, given_now) = (_discrete_model(a, 1.0 / wheelbase, 1.0, 0.7, k) for k in (n, 0))
     x, y, commands = np.zeros(4 + n), np.zeros(4), [0.3, -0.1, 0.2, 0.05, -0.2, 0.1, 0.3, 0.0]
     x[:3] = y[:3] = 0.1, -0.05, 0.02
     for k, command in enumerate(commands):

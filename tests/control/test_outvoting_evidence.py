@@ -8,7 +8,7 @@ import pytest
 from test_supervisor import ROUTE, TICK
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.evidence import AttitudeEvidence, Evidence, drift_of, seen, tilt_error
+from agrobot_mj.control.evidence import AttitudeEvidence, Evidence, drift_of, sensor_numbers, tilt_error
 from agrobot_mj.control.supervisor import Mode, Supervisor
 from agrobot_mj.core.signals import Command, Estimate, Fix, Measurement, Quality, Reference
 from agrobot_mj.machine.tractor import TractorParameters
@@ -23,7 +23,7 @@ def attitude(angles, forces=None, moving=True):
             side, ahead = (radians(angle) for angle in forces[k])
             readings["imu"] = SimpleNamespace(force_x=-9.81 * sin(ahead), force_y=9.81 * sin(side), force_z=9.6)
         measured = Measurement(k * TICK, None, 0, 0.0, 0.2, 0.0, radians(roll), radians(pitch), 0.9, readings=readings)
-        evidence = evidence.after(seen(measured)[0], moving, TICK)
+        evidence = evidence.after(sensor_numbers(measured)[0], moving, TICK)
     return evidence
 
 
@@ -60,7 +60,7 @@ def test_vertical_vibration_is_not_interpreted_as_tilt():
         x, z = 4.0 * sin(20.1 * now), 9.81 - 9.0 * sin(20.1 * now)
         readings = {"imu": SimpleNamespace(force_x=-x, force_y=0.0, force_z=z)}
         measured = Measurement(now, None, 0, 0.0, 0.2, 0.0, 0.0, 0.0, 2.5, readings=readings)
-        evidence = evidence.after(seen(measured)[0], True, TICK)
+        evidence = evidence.after(sensor_numbers(measured)[0], True, TICK)
         tilts.append(np.degrees(np.arctan2(x, z)))
     assert abs(np.mean(tilts)) > 8.0
     assert np.degrees(tilt_error(evidence)) < 3.0
@@ -120,7 +120,7 @@ def drift(every, quality=lambda k: Quality.FIX, rate=0.0, gap=lambda k: False):
             continue
         t = k * TICK
         fix = Fix(1.1 * t + east, rate * t + north + (0.4 if quality(k) != Quality.FIX else 0.0), 1.1 + ve, vn, t)
-        evidence = evidence.after(*seen(Measurement(t, fix, quality(k), 0.0, 0.2, nan)))
+        evidence = evidence.after(*sensor_numbers(Measurement(t, fix, quality(k), 0.0, 0.2, nan)))
         maximum = max(maximum, drift_of(evidence))
     return maximum
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from agrobot_mj.control.evidence import seen
+from agrobot_mj.control.evidence import sensor_numbers
 from agrobot_mj.control.reckoning import MEMORY_S, Reckoning
 from agrobot_mj.core.signals import TICK_S, Fix, Measurement, Quality
 from agrobot_mj.machine.implements import TowedImplement
@@ -62,7 +62,7 @@ def drive(
         measured = Measurement(t, fix, quality(t), steer, 0.3, gyro, roll, roll, wheels)
         force = SimpleNamespace(force_z=GRAVITY * weight(t))
         measured = measured._replace(readings={"imu": force})
-        state = state.after(*seen(measured), TRACTOR, False, TICK_S, hitched if known is None else known)
+        state = state.after(*sensor_numbers(measured), TRACTOR, False, TICK_S, hitched if known is None else known)
         ratios.append(state.distance / state.sigma)
         times.append(t)
     return np.nan_to_num(np.array(ratios)), np.array(times)
@@ -164,11 +164,11 @@ def test_dead_reckoning_requires_a_gyro_and_a_first_rtk_fix():
     state = Reckoning()
     for k in range(200):
         measured = Measurement(k * TICK_S, Fix(k * 0.06, 0.0, 1.2, 0.0), Quality.FIX, 0.0, 0.3, nan, wheel_speed=1.2)
-        state = state.after(*seen(measured), TRACTOR, False, TICK_S, TowedImplement())
+        state = state.after(*sensor_numbers(measured), TRACTOR, False, TICK_S, TowedImplement())
     assert state.distance != state.distance
     for k in range(200, 400):
         measured = Measurement(k * TICK_S, Fix(k * 0.06, 0.0, 1.2, 0.0), Quality.FLOAT, 0.0, 0.3, 0.0, wheel_speed=1.2)
-        state = state.after(*seen(measured), TRACTOR, False, TICK_S, TowedImplement())
+        state = state.after(*sensor_numbers(measured), TRACTOR, False, TICK_S, TowedImplement())
     assert state.references is None
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.evidence import TurnEvidence, course_error, seen
+from agrobot_mj.control.evidence import TurnEvidence, course_error, sensor_numbers
 from agrobot_mj.control.supervisor import Mode, Supervisor
 from agrobot_mj.core.signals import Command, Estimate, Fix, Measurement, Quality, Reference
 from agrobot_mj.machine.tractor import TractorParameters
@@ -145,7 +145,7 @@ def course_gyro_angle(course, gyro, speed=1.0, quality=Quality.FIX, every=2, lat
     claimed, observed = np.broadcast_to(quality, course.shape), course[np.maximum(np.arange(len(course)) - late, 0)]
     for k, (angle, u, rate) in enumerate(zip(observed.tolist(), speeds.tolist(), gyros.tolist(), strict=True)):
         fix = Fix(0.0, 0.0, u * cos(angle), u * sin(angle), TICK * (k - late)) if k % every == 0 else None
-        evidence = evidence.after(*seen(Measurement(TICK * k, fix, claimed[k], 0.0, pedals[k], rate)), TICK)
+        evidence = evidence.after(*sensor_numbers(Measurement(TICK * k, fix, claimed[k], 0.0, pedals[k], rate)), TICK)
         maximum = max(maximum, degrees(course_error(evidence)))
     return maximum
 

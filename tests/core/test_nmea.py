@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agrobot_mj.core.agopengps.position import BoardAttitude, panda, paogi, read
+from agrobot_mj.core.agopengps.position import BoardAttitude, decode_position, panda, paogi
 from agrobot_mj.core.geodesy import Origin, to_geodetic, to_local
 from agrobot_mj.core.nmea import Solution, checksum, degrees_of, fields_of, gga, rmc, vtg
 
@@ -22,7 +22,7 @@ def test_encoded_sentences_equal_the_documented_examples():
     there = Solution(6.5 * 3600 + 19.08, 50 + 52.6288305 / 60, 4 + 41.9487828 / 60, 35.0, 1.5, 0.0)
     assert paogi(there, BoardAttitude(radians(90 - 17.78), 0.0, 0.0, radians(4.5))) == sent
     short = b"$PAOGI,120000.10,5052.6200000,N,00441.9400000,E,4,14,0.7,35.000,1.0,2.333,90.0,-2.50,0.0,0.5*47"
-    assert read(short).attitude == pytest.approx((0.0, radians(-2.5), 0.0, radians(-0.5)))
+    assert decode_position(short).attitude == pytest.approx((0.0, radians(-2.5), 0.0, radians(-0.5)))
 
 
 def test_imu_fields_of_sentences_are_integers_even_without_an_imu():
@@ -46,7 +46,7 @@ def test_roll_pitch_and_heading_in_sentences_have_the_correct_signs():
 def test_written_sentences_are_read_back_unchanged(latitude, longitude, speed, yaw, roll):
     solution, attitude = Solution(3723.45, latitude, longitude, 1.5, speed, yaw), BoardAttitude(yaw, roll, -roll, 0.1)
     for write, tolerance in ((panda, radians(0.051)), (paogi, radians(0.0051))):
-        found = read(write(solution, attitude))
+        found = decode_position(write(solution, attitude))
         assert found.solution.t == pytest.approx(13 * 3600 + 2 * 60 + 3.45)
         assert found.solution.latitude == pytest.approx(latitude, abs=1e-9)
         assert found.solution.longitude == pytest.approx(longitude, abs=1e-9)
@@ -89,7 +89,7 @@ def test_sentences_without_gnss_solution_are_flagged_and_empty():
     ],
 )
 def test_invalid_datagram_is_decoded_as_none(datagram):
-    assert read(datagram) is None
+    assert decode_position(datagram) is None
 
 
 def test_sentence_with_invalid_fields_is_decoded_as_none():
@@ -99,7 +99,7 @@ def test_sentence_with_invalid_fields_is_decoded_as_none():
             parts = good.split(",")
             parts[field] = nonsense
             text = ",".join(parts)
-            found = read(f"${text}*{checksum(text)}\r\n".encode())
+            found = decode_position(f"${text}*{checksum(text)}\r\n".encode())
             assert found is None or not isnan(found.solution.latitude + found.solution.longitude)
 
 

@@ -10,7 +10,7 @@ from filterpy.kalman import KalmanFilter
 from agrobot_mj.core.signals import Fix
 from agrobot_mj.estimation.ekf import PoseEkf
 from agrobot_mj.estimation.ekf_bias import BiasEkf, Levels
-from agrobot_mj.estimation.equations import applied, inverse, posterior, prior, times
+from agrobot_mj.estimation.equations import inverse, posterior, prior, product, times
 from agrobot_mj.estimation.kalman import Filter, filterpy_ekf, filterpy_kf, tick
 from agrobot_mj.estimation.velocity_kf import VelocityKf, process_noise, transition
 
@@ -93,7 +93,7 @@ def test_compiled_and_uncompiled_filter_equations_agree():
         for one, other in zip(compiled(*given), plain(*given), strict=True):
             assert np.array_equal(one, other)
     assert np.allclose(times(F, P), F @ P, rtol=1e-14, atol=1e-14)
-    assert np.allclose(applied(H, x), H @ x, rtol=1e-14, atol=1e-14)
+    assert np.allclose(product(H, x), H @ x, rtol=1e-14, atol=1e-14)
     assert np.allclose(inverse(P), np.linalg.inv(P), rtol=1e-10)
 
 

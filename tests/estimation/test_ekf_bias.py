@@ -10,7 +10,7 @@ from agrobot_mj.core.kernels import fetched, held
 from agrobot_mj.core.signals import Fix, Measurement, Quality
 from agrobot_mj.estimation import Ekf, EkfBias
 from agrobot_mj.estimation.pose_estimator import PoseState
-from agrobot_mj.estimation.velocity_kf import turned
+from agrobot_mj.estimation.velocity_kf import rotate_velocity
 from agrobot_mj.machine.tractor import TractorParameters
 
 DT, TRACTOR = 0.05, TractorParameters()
@@ -53,7 +53,7 @@ def test_innovation_statistic_is_reported_only_with_a_fix(kind):
 
 def test_rotated_velocity_keeps_magnitude_and_covariance_eigenvalues():
     mean, P = np.array([1.0, 1.2, 2.0, 0.5]), np.diag([0.01, 0.02, 0.03, 0.05])
-    after, Q = turned(mean, P, 0.3)
+    after, Q = rotate_velocity(mean, P, 0.3)
     assert after[[0, 2]] == pytest.approx([1.0, 2.0])
     assert hypot(after[1], after[3]) == pytest.approx(1.3)
     assert np.arctan2(after[3], after[1]) == pytest.approx(np.arctan2(0.5, 1.2) + 0.3)

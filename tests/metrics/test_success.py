@@ -5,7 +5,7 @@ from math import inf, nan
 import pytest
 
 from agrobot_mj import load_scenario, run
-from agrobot_mj.metrics.success import error_of, failures, has_errors, is_error, reasons, succeeded, without_errors
+from agrobot_mj.metrics.success import error_of, failures, has_errors, is_error, is_success, reasons, without_errors
 
 NO_ERRORS = {
     "outcome", "stop_reason", "progress", "nn_share", "position_nees", "position_nis", "steer_saturated_fraction",
@@ -28,7 +28,7 @@ NO_ERRORS = {
     ],
 )
 def test_only_a_successful_completed_run_has_error_metrics(row, success, counts):
-    assert (succeeded(row), has_errors(row)) == (success, counts)
+    assert (is_success(row), has_errors(row)) == (success, counts)
     assert error_of({**row, "xte_rms": 0.0}, "xte_rms") == (0.0 if counts else None)
     kept = without_errors({**row, "xte_rms": 0.0, "per_turn": [], "position_nees": 2.0})
     assert (kept["xte_rms"], kept["per_turn"]) == ((0.0, []) if counts else (None, None))

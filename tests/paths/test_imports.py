@@ -9,7 +9,7 @@ from agrobot_mj import load_scenario
 from agrobot_mj.core.geodesy import Origin, to_geodetic
 from agrobot_mj.core.resources import stamp
 from agrobot_mj.paths import Waypoints
-from agrobot_mj.paths.imports import cleaned, local_shapes, read_shapes
+from agrobot_mj.paths.imports import clean, local_shapes, read_shapes
 from agrobot_mj.paths.imports.agopengps import comma_numbers, read_origin
 from agrobot_mj.paths.imports.cleaning import outliers
 from agrobot_mj.paths.waypoints import track
@@ -216,14 +216,14 @@ def test_recorded_track_with_a_stop_is_converted_to_a_drivable_path(tmp_path):
 
 
 def test_recorded_track_without_noise_is_not_changed():
-    kept, notes = cleaned(BEND)
+    kept, notes = clean(BEND)
     assert kept.tolist() == [0, 1, 2, 3]
     assert notes == []
 
 
 def test_long_reverse_section_of_a_track_is_kept():
     out_and_back = np.array([(0, 0), (20, 0), (40, 0), (10, 0.5), (0, 1)], dtype=float)
-    assert cleaned(out_and_back) == (pytest.approx(np.arange(5)), [])
+    assert clean(out_and_back) == (pytest.approx(np.arange(5)), [])
 
 
 def test_error_for_segments_too_short_for_a_corner_has_no_solver_text(tmp_path):

@@ -108,6 +108,6 @@ def test_comparison_text_lists_the_metrics_of_each_run(compared):
     """A law without a yaw controller has no yaw-rate error."""
     _, logs = compared
     log = run(load_scenario("circle", {"plant.kind": "bicycle", "guidance.kind": "stanley", "duration_s": 2}))
-    assert "yaw_rate_error_rms" not in info.compared(log.scenario, [("stanley", 0xFF, log)])
-    both = info.compared(log.scenario, [("stanley", 0xFF, log), ("pd", 0xFF, logs["bicycle-pd"])])
+    assert "yaw_rate_error_rms" not in info.comparison_text(log.scenario, [("stanley", 0xFF, log)])
+    both = info.comparison_text(log.scenario, [("stanley", 0xFF, log), ("pd", 0xFF, logs["bicycle-pd"])])
     assert "yaw_rate_error_rms" in both

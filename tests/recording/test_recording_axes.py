@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rerun.blueprint import Corner2D
 
-from agrobot_mj.recording.blueprint import aligned
+from agrobot_mj.recording.blueprint import align_plots
 from agrobot_mj.recording.plots.axes import (
     BESIDE_PIXELS,
     EDGE,
@@ -102,5 +102,5 @@ def test_stacked_plots_share_one_time_axis():
     """The axis leaves space for the largest legend of the plots."""
     plot = Plot("own", "Own", "m", ())
     low, roomy = Frame(legend=Corner2D.LeftBottom), Frame(room=0.2)
-    assert aligned([(plot, low), (plot, low)]) == [(plot, low)] * 2
-    assert aligned([(plot, low), (plot, roomy)]) == [(plot, roomy)] * 2
+    assert align_plots([(plot, low), (plot, low)]) == [(plot, low)] * 2
+    assert align_plots([(plot, low), (plot, roomy)]) == [(plot, roomy)] * 2

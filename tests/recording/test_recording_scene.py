@@ -6,9 +6,9 @@ from rerun.blueprint import TextDocumentView
 from agrobot_mj import load_scenario
 from agrobot_mj.paths import sample
 from agrobot_mj.plants.scene import Geom, Mesh, Scene
-from agrobot_mj.recording.blueprint import Shown, blueprint, tiled
+from agrobot_mj.recording.blueprint import Shown, blueprint, tile_views
 from agrobot_mj.recording.world.names import ASIDE_M, size_in_view
-from agrobot_mj.recording.world.scene import followed, reference_line, shapes
+from agrobot_mj.recording.world.scene import camera_target, reference_line, shapes
 from agrobot_mj.terrain import Ground, height_and_gradient
 from agrobot_mj.terrain.grid import heights
 
@@ -73,9 +73,9 @@ def test_body_mesh_is_drawn_at_its_pose_and_followed_by_the_camera():
     placed = drawn.vertex_positions.as_arrow_array().to_pylist()
     np.testing.assert_allclose(placed, [[1, 2, 3], [1, 3, 3], [0, 2, 3]], atol=1e-6)
     np.testing.assert_allclose(drawn.vertex_normals.as_arrow_array().to_pylist(), 3 * [[0, 0, 1]], atol=1e-6)
-    assert followed(Scene(("chassis",), (shed,))) == "chassis/meshes/0"
+    assert camera_target(Scene(("chassis",), (shed,))) == "chassis/meshes/0"
     box = shed._replace(kind="box", mesh=None)
-    assert followed(Scene(("chassis",), (shed, box))) == "chassis/boxes"
+    assert camera_target(Scene(("chassis",), (shed, box))) == "chassis/boxes"
 
 
 @pytest.mark.parametrize(("track", "x", "y"), [("true", "x", "y"), ("estimated", "x_hat", "y_hat")])
@@ -126,7 +126,7 @@ def test_layout_without_plots_is_valid():
 def test_plot_layout_is_tiled_without_empty_cells():
     for count in range(1, 14):
         views = [TextDocumentView(origin=f"{i}") for i in range(count)]
-        rows = tiled(views, "Tab").contents
+        rows = tile_views(views, "Tab").contents
         sizes = [len(row.contents) for row in rows]
         assert sum(sizes) == count
         assert max(sizes) <= 3

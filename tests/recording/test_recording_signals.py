@@ -8,7 +8,7 @@ from agrobot_mj.core.signals import Column
 from agrobot_mj.recording import Recording, recorder, write_comparison
 from agrobot_mj.recording.blueprint import COMPANIONS, FOLLOWED, MOST_PLOTS, TABS, Shown, blueprint
 from agrobot_mj.recording.info import running
-from agrobot_mj.recording.plots.catalogue import COMPARED, DRIVE, PLOTS, derived, reported_plots
+from agrobot_mj.recording.plots.catalogue import COMPARED, DRIVE, PLOTS, estimation_errors, reported_plots
 from agrobot_mj.recording.plots.network import network_plots
 from agrobot_mj.recording.plots.signals import Signals
 
@@ -47,7 +47,7 @@ def check_plot(recorded, signals, plot):
 def test_plotted_values_equal_the_signal_table(eight, worn, signals, plot):
     columns = {series.column for series in plot.series}
     if not columns <= signals.keys():
-        assert columns <= derived(eight.log.rows, 0).keys() | signals.keys()
+        assert columns <= estimation_errors(eight.log.rows, 0).keys() | signals.keys()
         return
     if any(np.isfinite(signals[name]).any() for name in columns):
         check_plot(eight, signals, plot)
@@ -190,7 +190,7 @@ def test_plots_of_components_absent_from_the_run_are_not_drawn(tmp_path):
     plots = {path for path in plots if not path.endswith("/mean")}
     reported = {path for path in plots if path.startswith("reported/")}
     assert {path.removeprefix("reported/") for path in reported} <= {column.name for column in log.rows.table}
-    known = {name: log.column(name) for name in log.rows.columns} | derived(log.rows, 0)
+    known = {name: log.column(name) for name in log.rows.columns} | estimation_errors(log.rows, 0)
     there = {name for name, values in known.items() if np.isfinite(values).any()}
     assert plots - reported == {plot.path for plot in PLOTS if there & {series.column for series in plot.series}}
     assert not plots & {"steering/pressure", "speed/torque", "tyres/load"}

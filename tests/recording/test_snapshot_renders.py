@@ -125,7 +125,7 @@ def test_slow_viewer_start_is_retried_with_longer_timeouts(eight, tmp_path, monk
         raise RuntimeError("the viewer did not start")
 
     monkeypatch.setattr(snapshot, "RERUN", (sys.executable, "-c", "import time; time.sleep(60)"))
-    monkeypatch.setattr(snapshot, "_connected", late)
+    monkeypatch.setattr(snapshot, "_connect_viewer", late)
     with pytest.raises(SnapshotError) as error:
         snapshots(eight.path, [1.0], tmp_path / "none")
     assert patience == [snapshot.START_S * k for k in range(1, snapshot.TRIES + 1)]
@@ -159,8 +159,8 @@ def test_images_rendered_before_a_crash_are_kept(eight, tmp_path, monkeypatch, c
         return Image.fromarray(shown)
 
     monkeypatch.setattr(snapshot, "RERUN", (sys.executable, "-c", "import time; time.sleep(60)"))
-    monkeypatch.setattr(snapshot, "_connected", lambda process, port, seconds: Client())
-    monkeypatch.setattr(snapshot, "_opened", lambda viewer, file, readable, patience: layout)
+    monkeypatch.setattr(snapshot, "_connect_viewer", lambda process, port, seconds: Client())
+    monkeypatch.setattr(snapshot, "_open_recording", lambda viewer, file, readable, patience: layout)
     monkeypatch.setattr(snapshot, "_tabs", lambda file, layout: ("root", {"Drive": "a"}))
     monkeypatch.setattr(snapshot, "_frame", picture)
     assert snapshots(eight.path, [1.0, 2.0], tmp_path) == [tmp_path / "drive_1.png", tmp_path / "drive_2.png"]

@@ -38,9 +38,9 @@ def test_suggestions_for_an_unknown_key_prefer_the_same_table(key, hint):
 
 
 def test_schema_is_searched_only_once_for_many_unknown_keys():
-    walk._indexed.cache_clear()
+    walk._key_index.cache_clear()
     assert len({told(f"tractor.mas{k}_kg") for k in range(30)}) == 30
-    assert walk._indexed.cache_info().misses == 1
+    assert walk._key_index.cache_info().misses == 1
 
 
 def test_suggestions_for_kind_names_are_case_insensitive(call):

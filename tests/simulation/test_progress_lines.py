@@ -91,7 +91,7 @@ def test_no_elapsed_time_is_printed_with_the_quiet_option(monkeypatch, capsys):
 
 def test_elapsed_time_is_printed_until_the_operation_ends(monkeypatch, capsys):
     monkeypatch.setattr(progress, "SILENCE_S", 0.05)
-    with progress.elapsed("circle: starting", quiet=False):
+    with progress.print_elapsed("circle: starting", quiet=False):
         time.sleep(0.2)
     lines = capsys.readouterr().err.splitlines()
     time.sleep(0.2)

@@ -3,7 +3,7 @@
 import pytest
 
 from agrobot_mj import load_scenario
-from agrobot_mj.core.errors import LONGEST_TEXT, MOST_FAULTS, MOST_LINES, ScenarioError, bounded
+from agrobot_mj.core.errors import LONGEST_TEXT, MOST_FAULTS, MOST_LINES, ScenarioError, shorten_lines
 from agrobot_mj.studies.sweep.axes import MOST_VALUES
 from agrobot_mj.studies.sweep.runner import SweepOptions, sweep
 
@@ -80,7 +80,7 @@ def test_length_of_an_error_message_is_limited(text, lines):
     assert lines is None or len(found.split("\n")) == lines
     if "\n" in text:
         assert f"and {len(text.splitlines()) - len(found.splitlines()) + 1:,} more lines" in found
-    assert bounded(found) == found
+    assert shorten_lines(found) == found
 
 
 def test_error_message_of_ordinary_length_is_not_shortened():

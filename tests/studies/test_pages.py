@@ -22,7 +22,7 @@ from agrobot_mj.studies.compare import compare
 from agrobot_mj.studies.compare_plan import plan
 from agrobot_mj.studies.pages import write_report
 from agrobot_mj.studies.pages.document import Document
-from agrobot_mj.studies.pages.drive import enlarged, enlargement, map_of, thinned, thumbnail
+from agrobot_mj.studies.pages.drive import enlarge, enlargement, map_of, thin_rows, thumbnail
 from agrobot_mj.studies.pages.ranking import Group, box
 from agrobot_mj.studies.pages.report import over_parameters, ranking
 from agrobot_mj.studies.pages.sweep import RerunCommand, curves, heat_map, toml_value
@@ -207,7 +207,7 @@ def test_map_in_the_report_enlarges_only_cross_track_errors(yaw):
     signals = {"x_ref": reference[:, 0], "y_ref": reference[:, 1], "x": track[:, 0], "y": track[:, 1]}
     times = enlargement([signals])
     assert times in (50, 100)
-    np.testing.assert_allclose(np.stack(enlarged(signals, times), 1), track + (times - 1) * 0.1 * left, atol=1e-9)
+    np.testing.assert_allclose(np.stack(enlarge(signals, times), 1), track + (times - 1) * 0.1 * left, atol=1e-9)
     lost = {**signals, "x": signals["x"] + 20 * left[0], "y": signals["y"] + 20 * left[1]}
     assert enlargement([lost]) == enlargement([signals, lost]) == 1
     assert "<text" not in thumbnail(signals, times), "a text would cover the track of a straight path"
@@ -259,13 +259,13 @@ def test_downsampled_curve_keeps_spikes_and_gaps():
     t = np.arange(100_000) * 0.05
     y = np.sin(t / 50)
     y[77_777], y[12_345], y[50_000:60_000] = 9.0, -9.0, np.nan
-    x, kept = thinned(t, y)
+    x, kept = thin_rows(t, y)
     assert len(x) < 4000
     assert (np.nanmax(kept), np.nanmin(kept)) == (9.0, -9.0)
     assert np.isnan(kept[(x > 2550) & (x < 2950)]).all()
     assert np.all(np.diff(x) > 0)
     assert (x[0], x[-1]) == (t[0], t[-1])
-    assert [len(column) for column in thinned(t[:100], y[:100])] == [100, 100]
+    assert [len(column) for column in thin_rows(t[:100], y[:100])] == [100, 100]
 
 
 def test_curve_of_a_sampled_parameter_shows_means_of_groups_of_runs():

@@ -46,7 +46,7 @@ def test_error_for_unwritable_shared_memory_names_the_memory(monkeypatch):
 
     monkeypatch.setattr(multiprocessing.synchronize.SemLock, "__init__", refuse)
     with pytest.raises(ScenarioError, match=r"shared memory, on Linux in /dev/shm: Read-only file system; .*one job"):
-        list(pool.spread(abs, [-1, -2], workers=2))
+        list(pool.pool_map(abs, [-1, -2], workers=2))
 
 
 def test_pool_starts_the_first_and_the_last_run_at_the_same_time():

@@ -11,7 +11,7 @@ from agrobot_mj.plants.driver import mujoco_plant
 from agrobot_mj.simulation.storage import write_log
 from agrobot_mj.terrain import Flat
 from agrobot_mj.terrain.grid import plane
-from agrobot_mj.terrain.memory import FORGETS, forget, restore, rut_map, saved, untouched_soil
+from agrobot_mj.terrain.memory import FORGETS, forget, restore, rut_map, save_memory, untouched_soil
 from agrobot_mj.tyres import Ruts, Soil
 from agrobot_mj.tyres.base import Footing, Slip
 from agrobot_mj.tyres.bearing import SoilCell, load_cell, press
@@ -37,7 +37,7 @@ def test_rut_walls_exert_a_side_force_on_a_wheel():
     """The side force towards the middle increases with the offset on both sides; untouched ground has none."""
     memory = field()
     rolled(memory, 0.05)
-    state = saved(memory)
+    state = save_memory(memory)
     push = []
     for y in (-0.06, -0.03, 0.0, 0.03, 0.06):
         restore(memory, state)
@@ -92,7 +92,7 @@ def test_shear_strength_follows_the_mohr_coulomb_criterion():
 def test_rut_memory_is_saved_restored_and_cleared():
     memory = field()
     rolled(memory, 0.04)
-    state, sunk = saved(memory), rut_map(memory)
+    state, sunk = save_memory(memory), rut_map(memory)
     rolled(memory, 0.06, y=2.0)
     assert len(rut_map(memory).x) > len(sunk.x)
     restore(memory, state)

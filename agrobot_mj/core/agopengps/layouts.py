@@ -72,18 +72,18 @@ def cross_track_byte(distance: float, dialect: str) -> int:
     """Return the `SteerData` byte for the cross-track error `distance` [m], positive to the left, in a host
     `dialect`."""
     if dialect == "agopenweb":
-        return limited(-distance * 100, -127, 127) & 0xFF
-    return limited(127 - distance * 50, 0, 254)
+        return clip_to_integer(-distance * 100, -127, 127) & 0xFF
+    return clip_to_integer(127 - distance * 50, 0, 254)
 
 
-def limited(value: float, low: int, high: int) -> int:
+def clip_to_integer(value: float, low: int, high: int) -> int:
     """Return `value` limited to the interval from `low` to `high` and rounded to an integer."""
     return round(min(max(value, low), high))
 
 
 def int16(value: float) -> int:
     """Return `value` rounded to an integer and limited to the range of a signed 16-bit field."""
-    return limited(value, -32768, 32767)
+    return clip_to_integer(value, -32768, 32767)
 
 
 def _tenths(angle: float, none: int) -> int:
@@ -91,8 +91,8 @@ def _tenths(angle: float, none: int) -> int:
 
 
 def _pack_steer_data(m: SteerData) -> bytes:
-    speed = limited(abs(m.speed) * KMH * 10, 0, 65535)
-    status, cross_track = limited(m.status, 0, 255), limited(m.cross_track, 0, 255)
+    speed = clip_to_integer(abs(m.speed) * KMH * 10, 0, 65535)
+    status, cross_track = clip_to_integer(m.status, 0, 255), clip_to_integer(m.cross_track, 0, 255)
     return STEER_DATA.pack(speed, status, to_wire_angle(m.steer), cross_track, m.sections)
 
 
@@ -104,7 +104,7 @@ def _steer_data(data: bytes) -> SteerData:
 def _pack_steer_state(m: SteerState) -> bytes:
     heading = _tenths(nan if isnan(m.yaw) else to_compass(m.yaw), NO_HEADING)
     roll = _tenths(degrees(m.roll), NO_ROLL)
-    return STEER_STATE.pack(to_wire_angle(m.steer), heading, roll, m.switches, limited(m.pwm, 0, 255))
+    return STEER_STATE.pack(to_wire_angle(m.steer), heading, roll, m.switches, clip_to_integer(m.pwm, 0, 255))
 
 
 def _steer_state(data: bytes) -> SteerState:

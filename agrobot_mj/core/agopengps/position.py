@@ -40,10 +40,17 @@ def panda(s: Solution, a: BoardAttitude) -> bytes:
 def paogi(s: Solution, a: BoardAttitude) -> bytes:
     """Return the PAOGI sentence of a receiver with two antennas; the yaw of the attitude `a` must not be NaN."""
     heading = f"{round(to_compass(a.yaw), 2) % 360:.2f}"
-    return sentence("PAOGI", *_common(s), heading, _fixed(a.roll, 2), _fixed(-a.pitch, 1), _fixed(-a.yaw_rate, 1))
+    return sentence(
+        "PAOGI",
+        *_common(s),
+        heading,
+        _degrees_text(a.roll, 2),
+        _degrees_text(-a.pitch, 1),
+        _degrees_text(-a.yaw_rate, 1),
+    )
 
 
-def _fixed(value: float, decimals: int) -> str:
+def _degrees_text(value: float, decimals: int) -> str:
     """Format an angle [rad] or an angular rate [rad/s] in degrees with fixed decimals; NaN and negative zero become
     0."""
     return f"{0.0 if isnan(value) else round(degrees(value), decimals) + 0.0:.{decimals}f}"
@@ -62,7 +69,7 @@ class Position(NamedTuple):
     attitude: BoardAttitude
 
 
-def read(datagram: bytes) -> Position | None:
+def decode_position(datagram: bytes) -> Position | None:
     """Decode a PANDA or PAOGI sentence. Return None for other sentences and for invalid or non-finite fields."""
     fields = fields_of(datagram)
     if fields is None or len(fields) != FIELDS or fields[0] not in ("PANDA", "PAOGI"):

@@ -8,7 +8,7 @@ import typer
 
 from agrobot_mj.cli.options import Answer, Out, Quiet, results_folder, utf8
 from agrobot_mj.cli.output import print_hints, say
-from agrobot_mj.cli.panels import listed
+from agrobot_mj.cli.panels import help_entry
 
 if TYPE_CHECKING:
     from agrobot_mj.extensions.bench.manoeuvres import Check
@@ -80,7 +80,7 @@ def machine(
 
 
 COMMANDS = {
-    validate: listed("Check", "validate --quick", "validate --out runs/validation"),
-    machine: listed("Check", "machine row_crop", "machine compact --json", advanced=True),
-    rig: listed("Check", "rig soil", "rig magic_formula --out runs/tyre", advanced=True),
+    validate: help_entry("Check", "validate --quick", "validate --out runs/validation"),
+    machine: help_entry("Check", "machine row_crop", "machine compact --json", advanced=True),
+    rig: help_entry("Check", "rig soil", "rig magic_formula --out runs/tyre", advanced=True),
 }

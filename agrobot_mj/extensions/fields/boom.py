@@ -65,7 +65,7 @@ class ImplementMotion(NamedTuple):
         return ImplementMotion(*(values[kept] for values in part))
 
 
-def switched(motion: ImplementMotion, span: tuple[float, float], rows: slice, boom: Boom) -> Times | None:
+def switching_times(motion: ImplementMotion, span: tuple[float, float], rows: slice, boom: Boom) -> Times | None:
     """Return the times at which a section starts and stops working on a pass [s], or None if it does not work.
 
     `span` contains the ends of the pass along the plan [m]; `rows` selects the samples of `motion` near the pass.
@@ -74,13 +74,13 @@ def switched(motion: ImplementMotion, span: tuple[float, float], rows: slice, bo
     if len(t) < 2 or span[1] <= span[0]:
         return None
     speed = np.gradient(s, t)
-    on = _reached(t, np.maximum.accumulate(s + speed * boom.on_ahead), span[0]) + boom.on_delay
-    off = _reached(t, np.maximum.accumulate(s + speed * boom.off_ahead), span[1]) + boom.off_delay
+    on = _time_of_distance(t, np.maximum.accumulate(s + speed * boom.on_ahead), span[0]) + boom.on_delay
+    off = _time_of_distance(t, np.maximum.accumulate(s + speed * boom.off_ahead), span[1]) + boom.off_delay
     end = min(off, float(t[-1]))
     return (max(on, float(t[0])), end) if end > on else None
 
 
-def _reached(t: Array, s: Array, distance: float) -> float:
+def _time_of_distance(t: Array, s: Array, distance: float) -> float:
     """Return the time at which the increasing arc length `s` reaches `distance` [m], or infinity if it never does."""
     k = int(np.searchsorted(s, distance))
     if k == len(s):
@@ -90,7 +90,7 @@ def _reached(t: Array, s: Array, distance: float) -> float:
     return float(t[k - 1] + (t[k] - t[k - 1]) * (distance - s[k - 1]) / (s[k] - s[k - 1]))
 
 
-def worked(motion: ImplementMotion, times: list[Times | None], boom: Boom) -> BaseGeometry:
+def worked_area(motion: ImplementMotion, times: list[Times | None], boom: Boom) -> BaseGeometry:
     """Return the ground worked in one pass. `times` contains the working interval of each section [s], or None for a
     section without work."""
     parts = []
@@ -98,11 +98,11 @@ def worked(motion: ImplementMotion, times: list[Times | None], boom: Boom) -> Ba
         if together is not None:
             numbers = [number for number, _ in group]
             left, right = boom.edges(numbers[0])[0], boom.edges(numbers[-1])[1]
-            parts.append(swept(motion.between(*together), left, right))
+            parts.append(swept_area(motion.between(*together), left, right))
     return shapely.union_all(parts)
 
 
-def swept(part: ImplementMotion, left: float, right: float) -> BaseGeometry:
+def swept_area(part: ImplementMotion, left: float, right: float) -> BaseGeometry:
     """Return the ground swept by a bar between the lateral offsets `left` and `right` of the working point [m],
     positive to the left."""
     edges = [np.column_stack([part.x - np.sin(part.yaw) * d, part.y + np.cos(part.yaw) * d]) for d in (left, right)]

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from agrobot_mj.cli.options import Answer, Out, Quiet, results_folder, utf8
-from agrobot_mj.cli.panels import listed
+from agrobot_mj.cli.panels import help_entry
 from agrobot_mj.extensions.fields.commands_drive import COMMANDS as FIELD_WORK
 from agrobot_mj.extensions.fields.options import Crs, FieldFile, FieldName
 
@@ -15,16 +15,16 @@ def field_show(file: FieldFile, crs: Crs = "", name: FieldName = "", out: Out = 
 
     Prints area, perimeter, sharp corners and repairs, and writes map.png.
     """
-    from agrobot_mj.core.errors import required
+    from agrobot_mj.core.errors import import_extra
 
-    required("shapely", "fields", "field show")
-    from agrobot_mj.extensions.fields.describe import described, draw_field, lines_of
+    import_extra("shapely", "fields", "field show")
+    from agrobot_mj.extensions.fields.describe import draw_field, field_description, lines_of
     from agrobot_mj.extensions.fields.reading import read_field
     from agrobot_mj.simulation.results import results
     from agrobot_mj.studies.style import write_figure
 
     field = read_field(Path(utf8(str(file), "FILE")), utf8(crs, "--crs"), utf8(name, "--field"))
-    content = described(field)
+    content = field_description(field)
     folder = results_folder(out, f"field-{file.absolute().stem}")
     with results(folder, [MAP]):
         picture = write_figure(folder / MAP, draw_field, field)
@@ -32,7 +32,7 @@ def field_show(file: FieldFile, crs: Crs = "", name: FieldName = "", out: Out = 
 
 
 COMMANDS = {
-    field_show: listed(
+    field_show: help_entry(
         "Field work",
         "field show home.geojson",
         "field show TASKDATA --field North --out runs/north",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from agrobot_mj.cli.options import Answer, NoRrd, Out, Quiet, Sets, overrides, results_folder, utf8
-from agrobot_mj.cli.panels import listed
+from agrobot_mj.cli.panels import help_entry
 from agrobot_mj.extensions.fields.options import (
     DEFAULT_WIDTH_M,
     Along,
@@ -151,9 +151,9 @@ def field_run(
 
 def _field(file: Path, crs: str, name: str, quiet: bool) -> "Field":
     """Return the field in a file. Notes about repairs of its geometry are printed unless `quiet`."""
-    from agrobot_mj.core.errors import required
+    from agrobot_mj.core.errors import import_extra
 
-    required("shapely", "fields", "field work")
+    import_extra("shapely", "fields", "field work")
     from agrobot_mj.extensions.fields.reading import read_field
 
     field = read_field(Path(utf8(str(file), "FILE")), utf8(crs, "--crs"), utf8(name, "--field"))
@@ -236,14 +236,14 @@ def _warn(plan: "Plan", quiet: bool) -> None:
 
 
 COMMANDS = {
-    field_plan: listed(
+    field_plan: help_entry(
         "Field work",
         "field plan boundary.geojson --machine row_crop --width 6",
         "field plan boundary.geojson --width 3 --headlands 3 --turn k --angle 90",
         "field plan boundary.geojson --along contours --set terrain.kind=slope --set terrain.grade_deg=6",
         advanced=True,
     ),
-    field_run: listed(
+    field_run: help_entry(
         "Field work",
         "field run boundary.geojson --machine row_crop --width 6 --no-rrd",
         "field run boundary.geojson --plan field_plan.json --guidance lqr",

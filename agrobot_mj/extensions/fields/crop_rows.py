@@ -15,7 +15,7 @@ from shapely.geometry.base import BaseGeometry
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import Array
-from agrobot_mj.extensions.fields.boom import ImplementMotion, swept
+from agrobot_mj.extensions.fields.boom import ImplementMotion, swept_area
 from agrobot_mj.extensions.fields.plan import Plan
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine
 from agrobot_mj.extensions.fields.planner.swaths import SwathFrame
@@ -105,7 +105,7 @@ def wheel_tracks(
             at = x + ahead * c - left * s, y + ahead * s + left * c
             motion = ImplementMotion(t, *at, np.unwrap(yaw + angle), t)
             found += [
-                swept(motion.between(start, min(start + PART_S, t[-1])), width / 2, -width / 2)
+                swept_area(motion.between(start, min(start + PART_S, t[-1])), width / 2, -width / 2)
                 for start in starts.tolist()
             ]
     return found

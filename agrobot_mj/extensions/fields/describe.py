@@ -20,7 +20,7 @@ CORNER_M = 1.0  # Tolerance for the simplification of a boundary before sharp co
 SIDE_IN = 5.0  # Length of the longer side of a field map [in]
 
 
-def described(field: Field) -> dict[str, Any]:
+def field_description(field: Field) -> dict[str, Any]:
     """Return area, perimeter, sharp corners, geographic position and repairs of a field as JSON values."""
     corners = [corner for ring in _rings(field.boundary) for corner in _sharp(ring)]
     return {
@@ -39,7 +39,7 @@ def described(field: Field) -> dict[str, Any]:
 
 
 def lines_of(content: Mapping[str, Any]) -> list[str]:
-    """Return the field description `content`, a result of `described`, as lines of text."""
+    """Return the field description `content`, a result of `field_description`, as lines of text."""
     corners, plural = content["sharp_corners"], "s" * (content["holes"] != 1)
     first = f"{content['field']}: {content['area_m2'] / 1e4:.4g} ha, perimeter {content['perimeter_m']:.0f} m"
     inner = f"{content['holes']} hole{plural}" if content["holes"] else ""

@@ -10,7 +10,7 @@ from shapely.geometry.base import BaseGeometry
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import Array
-from agrobot_mj.extensions.fields.boom import THIN_M, Boom, ImplementMotion, Times, switched, worked
+from agrobot_mj.extensions.fields.boom import THIN_M, Boom, ImplementMotion, Times, switching_times, worked_area
 from agrobot_mj.extensions.fields.coverage import FieldCoverage, areas, coverage, excursion, gaps
 from agrobot_mj.extensions.fields.crop_rows import CropRows, run_over
 from agrobot_mj.extensions.fields.effort import NO_PRICES, Prices, cost, effort
@@ -83,14 +83,14 @@ class FieldDrive:
             late = speed * (self.boom.on_delay + self.boom.off_delay)
             first, last = np.searchsorted(reached, [one.start - AROUND_M - late, one.end + AROUND_M + late])
             rows = slice(int(first), int(last))
-            return [switched(self.motion, span, rows, self.boom) for span in one.sections]
+            return [switching_times(self.motion, span, rows, self.boom) for span in one.sections]
 
         return [of(one) for one in self.plan.passes]
 
     @cached_property
     def coverage(self) -> FieldCoverage:
         """Coverage of the field, computed from the ground that the sections worked."""
-        ground = [worked(self.motion, times, self.boom) for times in self.times]
+        ground = [worked_area(self.motion, times, self.boom) for times in self.times]
         return coverage(self.field, self.body, [each for each in ground if not each.is_empty])
 
     @cached_property

@@ -8,7 +8,7 @@ import numpy as np
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.geometry import wrap
-from agrobot_mj.core.resources import stamped
+from agrobot_mj.core.resources import stamp_of
 from agrobot_mj.extensions.fields.drive import PLAN_FILE
 from agrobot_mj.extensions.fields.field import Field, Leg
 from agrobot_mj.extensions.fields.plan import FORMAT, MAX_BYTES, SUFFIXES, Plan, PlannedPass, plan_of
@@ -18,7 +18,7 @@ from agrobot_mj.extensions.fields.planner.leaving import LEAVES, leaving
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine
 from agrobot_mj.extensions.fields.planner.words import FORWARD, REVERSING, connections, end_of, length_of, straight
 from agrobot_mj.paths.arc import Pose
-from agrobot_mj.paths.fillet import rounded
+from agrobot_mj.paths.fillet import round_corners
 from agrobot_mj.paths.track import Piece
 
 SAME_M = 1e-6  # Maximum difference between equal working widths [m]
@@ -32,7 +32,7 @@ def stored_plan(file: Path) -> Plan | None:
     try:
         if file.suffix != ".json" or FORMAT not in file.read_text("utf-8", "replace")[:200]:
             return None
-        return plan_of(stamped(str(file.absolute()), SUFFIXES, MAX_BYTES))
+        return plan_of(stamp_of(str(file.absolute()), SUFFIXES, MAX_BYTES))
     except OSError:
         return None
     except ValueError as error:
@@ -84,11 +84,11 @@ def plan_of_legs(name: str, legs: tuple[Leg, ...], rig: FieldMachine, sections: 
     start: Pose | None = None
     pose = Pose(0.0, 0.0, 0.0)
     for number, (leg, following) in enumerate(zip(legs, (*legs[1:], None), strict=False), start=1):
-        begin, own = _driven(leg, number, rig)
+        begin, own = _leg_course(leg, number, rig)
         if start is None:
             start = pose = begin
         elif _apart(pose, begin):
-            joined = _joined(pose, begin, number, rig)
+            joined = _shortest_connection(pose, begin, number, rig)
             pieces += joined
             pose = end_of(pose, joined)
         first = sum(piece.length for piece in pieces)
@@ -111,10 +111,10 @@ def _apart(pose: Pose, begin: Pose) -> bool:
     return hypot(begin.x - pose.x, begin.y - pose.y) > APART_M or abs(wrap(begin.yaw - pose.yaw)) > APART_RAD
 
 
-def _driven(leg: Leg, number: int, rig: FieldMachine) -> tuple[Pose, tuple[Piece, ...]]:
+def _leg_course(leg: Leg, number: int, rig: FieldMachine) -> tuple[Pose, tuple[Piece, ...]]:
     """Return the start pose of a leg and the path segments along the leg."""
     try:
-        course = rounded(np.asarray(leg.points, dtype=float), False, rounding(rig))
+        course = round_corners(np.asarray(leg.points, dtype=float), False, rounding(rig))
     except ValueError as error:
         raise ValueError(f"leg {number}: {error}") from None
     if (peak := float(course.peaks.max())) > rig.max_curvature:
@@ -132,7 +132,7 @@ def _driven(leg: Leg, number: int, rig: FieldMachine) -> tuple[Pose, tuple[Piece
     )
 
 
-def _joined(pose: Pose, begin: Pose, number: int, rig: FieldMachine) -> tuple[Piece, ...]:
+def _shortest_connection(pose: Pose, begin: Pose, number: int, rig: FieldMachine) -> tuple[Piece, ...]:
     """Return the shortest connection from the end of a leg to the start of the next leg."""
     words = FORWARD if rig.drawn else (*FORWARD, *REVERSING)
     if found := connections(pose, begin, rig.bends, words):

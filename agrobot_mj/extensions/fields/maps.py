@@ -114,7 +114,7 @@ def _feature(shape: BaseGeometry, properties: dict[str, Any], plane: Origin | No
     geometry = shapely.geometry.mapping(
         shapely.geometry.polygon.orient(shape) if shape.geom_type == "Polygon" else shape
     )
-    return {"type": "Feature", "properties": properties, "geometry": _rounded(geometry, 4 if plane is None else 9)}
+    return {"type": "Feature", "properties": properties, "geometry": _round_values(geometry, 4 if plane is None else 9)}
 
 
 def _degrees(points: Array, plane: Origin) -> Array:
@@ -122,11 +122,11 @@ def _degrees(points: Array, plane: Origin) -> Array:
     return np.array([to_geodetic(plane, *point)[::-1] for point in points.tolist()])
 
 
-def _rounded(value: Any, digits: int) -> Any:
+def _round_values(value: Any, digits: int) -> Any:
     if isinstance(value, float):
         return round(value, digits)
     if isinstance(value, dict):
-        return {key: _rounded(each, digits) for key, each in value.items()}
+        return {key: _round_values(each, digits) for key, each in value.items()}
     if isinstance(value, list | tuple):
-        return [_rounded(each, digits) for each in value]
+        return [_round_values(each, digits) for each in value]
     return value

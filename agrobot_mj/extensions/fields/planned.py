@@ -3,7 +3,7 @@
 import numpy as np
 from shapely.geometry.base import BaseGeometry
 
-from agrobot_mj.extensions.fields.boom import Boom, ImplementMotion, worked
+from agrobot_mj.extensions.fields.boom import Boom, ImplementMotion, worked_area
 from agrobot_mj.extensions.fields.coverage import FieldCoverage, coverage
 from agrobot_mj.extensions.fields.plan import Plan
 from agrobot_mj.extensions.fields.planner.rig import tractor_poses
@@ -16,7 +16,7 @@ def planned_coverage(plan: Plan, whole: BaseGeometry, body: BaseGeometry, sectio
     """
     motion, boom = planned_motion(plan), Boom(plan.width, sections)
     ground = [
-        worked(motion, [span if span[1] > span[0] else None for span in one.sections], boom) for one in plan.passes
+        worked_area(motion, [span if span[1] > span[0] else None for span in one.sections], boom) for one in plan.passes
     ]
     return coverage(whole, body, [each for each in ground if not each.is_empty])
 

@@ -42,7 +42,7 @@ def read_field(path: Path, crs: str = "", name: str = "") -> Field:
     file = field_shapes(path)
     try:
         groups = _groups(file.shapes)
-        chosen, notes = _chosen(groups, name)
+        chosen, notes = _choose_field(groups, name)
         if _is_open_line(file.shapes, chosen[0].points):
             notes.append("the file has no closed ring; the ends of a line are joined to form the boundary")
         inside = [group for group in groups if group is not chosen and _is_within(group[0].points, chosen[0].points)]
@@ -64,7 +64,7 @@ def _groups(shapes: Sequence[Polyline]) -> list[list[Polyline]]:
     if not rings:
         lines = [shape for shape in shapes if shape.role != "point" and len(shape.points)]
         points = np.vstack([np.empty((0, 2)), *(shape.points for shape in shapes)])
-        rings = [ring for shape in lines or [Polyline(points)] for ring in _split(shape)]
+        rings = [ring for shape in lines or [Polyline(points)] for ring in _split_into_rings(shape)]
     groups = list[list[Polyline]]()
     for ring in rings:
         if ring.role in INNER and groups:
@@ -81,7 +81,7 @@ def _is_open_line(shapes: Sequence[Polyline], ring: Array) -> bool:
     return float(np.hypot(*(ring[-1] - ring[0]))) > APART * float(np.ptp(ring, axis=0).max())
 
 
-def _split(line: Polyline) -> list[Polyline]:
+def _split_into_rings(line: Polyline) -> list[Polyline]:
     """Split a line into closed rings. A line that does not close becomes a single ring."""
     points, found, start = line.points, list[Polyline](), 0
     near = SAME * float(np.ptp(points, axis=0).max()) if len(points) else 0.0
@@ -95,7 +95,7 @@ def _split(line: Polyline) -> list[Polyline]:
     return found
 
 
-def _chosen(groups: list[list[Polyline]], name: str) -> tuple[list[Polyline], list[str]]:
+def _choose_field(groups: list[list[Polyline]], name: str) -> tuple[list[Polyline], list[str]]:
     """Return the largest field with the given name, and notes about other fields. An empty name matches all fields."""
     if not groups:
         raise ValueError("the file contains no boundary; export one")

@@ -7,7 +7,7 @@ import shapely
 from shapely import LineString, Polygon
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.paths.imports.cleaning import CLOSEST_M, distinct, outliers, thinned
+from agrobot_mj.paths.imports.cleaning import CLOSEST_M, distinct, outliers, spaced
 from agrobot_mj.paths.track import Index
 
 LEAST_M2 = 10.0  # Minimum area of a field [m2]. Assumed value: smaller than a machine.
@@ -75,7 +75,7 @@ def _polygons(points: Array, what: str) -> tuple[list[Polygon], str, list[str]]:
     if len(kept) < 3:
         raise ValueError(f"the {what} needs at least 3 different points, got {len(kept)}; add its corners")
     simple = len(kept) > MOST_POINTS
-    polygon = Polygon(_simplified(points[kept], what, notes) if simple else points[kept])
+    polygon = Polygon(_simplify(points[kept], what, notes) if simple else points[kept])
     if polygon.is_valid:
         return [polygon], "", notes
     crossing = _crossing(polygon, None if simple else kept, what)
@@ -114,10 +114,10 @@ def _crossing(polygon: Polygon, numbers: Index | None, what: str) -> str:
     return f"the {what} crosses itself at {', '.join(shown)}{more}"
 
 
-def _simplified(points: Array, what: str, notes: list[str]) -> Array:
+def _simplify(points: Array, what: str, notes: list[str]) -> Array:
     """Return a simplified polygon ring, usually with fewer than `MOST_POINTS` points. Append a note to `notes`."""
     apart = max(WITHIN_M, 4 * float(np.hypot(*np.ptp(points, axis=0))) / MOST_POINTS)
-    near = points[thinned(points, apart, closed=True)]
+    near = points[spaced(points, apart, closed=True)]
     found = shapely.get_coordinates(LineString(near).simplify(WITHIN_M, preserve_topology=False))
     notes.append(f"the {what} is simplified within {apart:.2g} m, from {len(points)} to {len(found)} points")
     return found if len(found) > 2 else points[:3]

@@ -56,7 +56,7 @@ def _numbers(found: Mapping[str, Any]) -> Iterator[tuple[str, object, str]]:
         at = f" at ({out['x']:.0f}, {out['y']:.0f}) m" if "x" in out else ""
         yield f"{name} outside the boundary{at}", round(out["largest_m"], 3), "m"
         yield f"area of the {name} outside the boundary", round(out["area_m2"], 2), "m2"
-    yield "pass-to-pass error at the implement, 95th percentile", _rounded(accuracy["pass_to_pass_p95_m"]), "m"
+    yield "pass-to-pass error at the implement, 95th percentile", _round_or_blank(accuracy["pass_to_pass_p95_m"]), "m"
     yield "planned overlap of the field", round(found["planned"]["field"]["overlapped_percent"], 2), "%"
     for name, text, unit in EFFORT:
         if found["effort"][name] is not None:
@@ -79,7 +79,7 @@ def _numbers(found: Mapping[str, Any]) -> Iterator[tuple[str, object, str]]:
     yield "field efficiency", round(capacity["field_efficiency"], 3), "-"
 
 
-def _rounded(value: float | None) -> object:
+def _round_or_blank(value: float | None) -> object:
     return "" if value is None else round(value, 4)
 
 
@@ -90,7 +90,7 @@ def _map(folder: Path, found: Mapping[str, Any]) -> Chart:
     data = []
     for kind, colour in COLOURS.items():
         x, y = _outline([each for each in shapes if each["properties"]["kind"] == kind], origin)
-        data.append({**_filled(x, y, colour), "name": kind})
+        data.append({**_filled_trace(x, y, colour), "name": kind})
     data.append(line(signals["x"], signals["y"], "track", BLACK, width=0.7))
     x, y = _outline([each for each in shapes if each["properties"]["kind"] == "field"], origin)
     outline = {"type": "scatter", "mode": "lines", "x": x, "y": y, "name": "boundary"}
@@ -98,7 +98,7 @@ def _map(folder: Path, found: Mapping[str, Any]) -> Chart:
     return {"data": data, "layout": layout("east [m]", "north [m]", yaxis={"scaleanchor": "x"})}
 
 
-def _filled(x: list[float | None], y: list[float | None], colour: str) -> dict[str, Any]:
+def _filled_trace(x: list[float | None], y: list[float | None], colour: str) -> dict[str, Any]:
     style = {"type": "scatter", "mode": "lines", "fill": "toself", "fillcolor": colour, "hoverinfo": "skip"}
     return {**style, "x": x, "y": y, "line": {"width": 0, "color": colour}}
 

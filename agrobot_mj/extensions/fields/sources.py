@@ -14,7 +14,7 @@ from agrobot_mj.extensions.fields.formats import READERS
 from agrobot_mj.extensions.fields.formats.isoxml import read_task_data
 from agrobot_mj.paths.imports import ShapeFile, read_shapes
 from agrobot_mj.paths.imports.agopengps import is_folder_of_field, read_origin
-from agrobot_mj.paths.imports.reading import MAX_BYTES, decoded
+from agrobot_mj.paths.imports.reading import MAX_BYTES, decode
 from agrobot_mj.paths.imports.xml_files import parsed_xml
 
 TASKDATA = "TASKDATA.XML"
@@ -38,9 +38,9 @@ def plan_shapes(path: Path) -> ShapeFile:
 
 def _shapes(path: Path, of_agopengps: Callable[[Path], ShapeFile]) -> ShapeFile:
     try:
-        with _unpacked(path) as place:
+        with _unpacked_path(path) as place:
             if not place.is_dir():
-                return _with_origin(_read(place), place)
+                return _with_origin(_read_file(place), place)
             return _of_folder(place, of_agopengps)
     except (ValueError, RecursionError) as error:
         raise ScenarioError(str(error)) from None
@@ -48,7 +48,7 @@ def _shapes(path: Path, of_agopengps: Callable[[Path], ShapeFile]) -> ShapeFile:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror or error}; choose another file") from None
 
 
-def _read(path: Path) -> ShapeFile:
+def _read_file(path: Path) -> ShapeFile:
     """Return the shapes in a file. The file name is the default name of the field."""
     if path.name.upper() == TASKDATA:
         return _task_data(path)
@@ -57,7 +57,7 @@ def _read(path: Path) -> ShapeFile:
 
 
 @contextmanager
-def _unpacked(path: Path) -> Iterator[Path]:
+def _unpacked_path(path: Path) -> Iterator[Path]:
     """Yield the path of a file or folder, or the temporary folder with the unpacked files of a zip archive."""
     if not path.is_dir() and not path.is_file():
         raise ScenarioError(f"{path}: {absence(path)}")
@@ -93,7 +93,7 @@ def _of_folder(folder: Path, of_agopengps: Callable[[Path], ShapeFile]) -> Shape
     other sources."""
     for places in ([folder], sorted(each for each in folder.iterdir() if each.is_dir())):
         if sources := [source for place in places for source in _sources(place)]:
-            found = of_agopengps(sources[0]) if sources[0].is_dir() else _read(sources[0])
+            found = of_agopengps(sources[0]) if sources[0].is_dir() else _read_file(sources[0])
             if len(sources) > 1:
                 many = f"only {sources[0].name!r} is read, the first of {len(sources)} sources; specify the path of one"
                 found = replace(found, notes=(*found.notes, many))
@@ -126,13 +126,13 @@ def _boundaries(folder: Path) -> ShapeFile:
     files = [folder / name for name in BOUNDARIES if (folder / name).is_file()]
     if not files or files[0].name != BOUNDARIES[0]:
         refuse(folder, f"the folder has no {BOUNDARIES[0]}; create a boundary in the guidance program")
-    found = [_with_origin(_read(file), file) for file in files]
+    found = [_with_origin(_read_file(file), file) for file in files]
     return replace(found[0], shapes=tuple(shape for each in found for shape in each.shapes))
 
 
 def _tracks(folder: Path) -> ShapeFile:
     for file in (folder / name for name in PLANS):
-        if file.is_file() and (found := _with_origin(_read(file), file)).shapes:
+        if file.is_file() and (found := _with_origin(_read_file(file), file)).shapes:
             return found
     return refuse(folder, f"the folder has no lines in {' or '.join(PLANS)}; record a path or create a line")
 
@@ -142,11 +142,11 @@ def _task_data(path: Path) -> ShapeFile:
     if path.stat().st_size > MAX_BYTES:
         refuse(path, f"the file is larger than {MAX_BYTES / 1e6:.0f} MB; split the file")
     try:
-        root = parsed_xml(decoded(path.read_bytes()))
+        root = parsed_xml(decode(path.read_bytes()))
         for reference in root.findall("XFR"):
             file = files.get(f"{reference.get('A', '').upper()}.XML")
             if file is not None and file.stat().st_size <= MAX_BYTES:
-                root.extend(parsed_xml(decoded(file.read_bytes())))
+                root.extend(parsed_xml(decode(file.read_bytes())))
         return read_task_data(ElementTree.tostring(root, encoding="unicode"))
     except ValueError as error:
         refuse(path, str(error))

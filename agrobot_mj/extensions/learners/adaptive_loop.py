@@ -185,7 +185,7 @@ class AdaptiveLoop(AngleLoop):
         misses = [m + (min(square, 1.0) - m) / JUDGED for m, square in zip(state.misses, squares, strict=True)]
         sides = list(state.sides)
         if piece.beyond and rate > MOVING:
-            side = _updated(side, v, rate, noise, self.forgetting)
+            side = _update_parameters(side, v, rate, noise, self.forgetting)
         elif piece.beyond or rate > MOVING:
             side = side._replace(offset=side.offset + SHIFT * (side.rate(v) - rate))
         sides[number] = self._within(side)
@@ -244,7 +244,7 @@ def _rate(sides: tuple[Side, Side], v: float) -> float:
     return sides[0].rate(v) if v > 0 else -sides[1].rate(-v)
 
 
-def _updated(side: Side, v: float, rate: float, noise: float, forgetting: float) -> Side:
+def _update_parameters(side: Side, v: float, rate: float, noise: float, forgetting: float) -> Side:
     """Return the valve parameters after one least-squares update with the equation rate = gain v - offset. `noise` is
     the variance of the rate [rad2/s2]. Forgetting increases the covariance only in the excited direction."""
     a, b, c = side.P

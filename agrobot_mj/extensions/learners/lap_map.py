@@ -106,7 +106,7 @@ class LapMap(Spec):
         """Return the initial state at arc length `s` on a path with laps of length `lap` [m]. `known` contains a loaded
         map with the quantity `name`, or is None for an empty map."""
         n = max(round(lap / GRID_M), 2)
-        map_, best, error, wanted = (_resampled(known, key, n, lap) for key in _names(name))
+        map_, best, error, wanted = (_resample(known, key, n, lap) for key in _names(name))
         rms = float(np.sqrt(np.mean(error**2))) if known and error.max() < UNKNOWN_M else inf
         empty, number = np.zeros((n, len(Cell._fields))), int(s // lap)
         whole = s < number * lap + FADE_M
@@ -127,7 +127,7 @@ class LapMap(Spec):
         keep = exp(-max(way, 0.0) / WINDOW_M)
         square = keep * state.square + (1.0 - keep) * error * error
         state = state._replace(s=s, since=state.since + max(way, 0.0), square=square)
-        state = _met(state, k, error, correction)
+        state = _update_location(state, k, error, correction)
         return self._returned(state) if self.guard and _worse_here(state, k) else state
 
     def learned(self, state: LapState, lap: float, bound: float, name: str) -> Learned:
@@ -142,7 +142,7 @@ class LapMap(Spec):
         return {key: np.column_stack([place, value]) for key, value in zip(_names(name), values, strict=True)}
 
     def _next_lap(self, state: LapState, lap: int, bound: float) -> LapState:
-        state = _met(state, -1, 0.0, None)
+        state = _update_location(state, -1, 0.0, None)
         ticks, square, learnt, corrected = state.cells.T
         fresh = state._replace(lap=lap, cells=np.zeros_like(state.cells), here=np.zeros_like(state.here), whole=True)
         if not (state.whole and np.mean(ticks > 0) > COMPLETE):
@@ -169,7 +169,7 @@ class LapMap(Spec):
         return fading._replace(returns=state.returns + 1) if learnt else fading
 
 
-def _met(state: LapState, k: int, error: float, correction: float | None) -> LapState:
+def _update_location(state: LapState, k: int, error: float, correction: float | None) -> LapState:
     """Return the state after a tick at location `k` of the path. The sums of a location (`Cell`) are stored when the
     tractor leaves the location."""
     last, cell = state.cell
@@ -219,7 +219,7 @@ def _names(name: str) -> tuple[str, str, str, str]:
     return name, f"{name}_best", f"{name}_best_error", f"{name}_wanted"
 
 
-def _resampled(known: Learned | None, name: str, n: int, lap: float) -> Array:
+def _resample(known: Learned | None, name: str, n: int, lap: float) -> Array:
     """Return a learned array at the centres of n equal segments of a lap of length `lap` [m], or zeros if missing."""
     if not known or name not in known:
         return np.zeros(n)

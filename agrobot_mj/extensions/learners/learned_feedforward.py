@@ -35,7 +35,7 @@ from pydantic import Field
 
 from agrobot_mj.control.base import Situation
 from agrobot_mj.control.kinematic import Kinematic
-from agrobot_mj.control.t2fnn_laws import membership, normalised
+from agrobot_mj.control.t2fnn_laws import membership, normalise
 from agrobot_mj.core.geometry import to_heading
 from agrobot_mj.core.signals import Array, Column, Command
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
@@ -107,7 +107,7 @@ class PathNetwork(Spec):
             inside = min(max(value, sets.centres[0]), sets.centres[-1])  # the outermost sets apply outside the range
             lower = np.outer(lower, membership(inside, sets.centres, sets.lower)).ravel()
             upper = np.outer(upper, membership(inside, sets.centres, sets.upper)).ravel()
-        w: Array = Q * normalised(lower) + (1 - Q) * normalised(upper)
+        w: Array = Q * normalise(lower) + (1 - Q) * normalise(upper)
         return w
 
     def remembered(self, state: PathNetworkState, w: Array, dt: float) -> PathNetworkState:

@@ -11,7 +11,7 @@ import typer
 from agrobot_mj.cli.interrupts import stop_on_signals
 from agrobot_mj.cli.options import Answer, NoRrd, Out, Quiet, Sets, Source, finite, number, overrides, results_folder
 from agrobot_mj.cli.output import print_hints, say
-from agrobot_mj.cli.panels import listed
+from agrobot_mj.cli.panels import help_entry
 from agrobot_mj.cli.runs import Live, answer, recordings
 from agrobot_mj.core.errors import ScenarioError
 
@@ -141,7 +141,7 @@ def _check(options: "LinkOptions", given: tuple[str, dict[str, Any], list[str] |
     from agrobot_mj.extensions.links.agopengps.link import check
     from agrobot_mj.extensions.links.running import NotBegunError
 
-    scenario = _loaded(given)
+    scenario = _load_given(given)
     print_hints([scenario], quiet)
     with stop_on_signals() as stopped:
         try:
@@ -151,7 +151,7 @@ def _check(options: "LinkOptions", given: tuple[str, dict[str, Any], list[str] |
     return Answer({"scenario": scenario.name, "link": found.block, "check": found.lines}, "\n".join(found.lines))
 
 
-def _loaded(given: tuple[str, dict[str, Any], list[str] | None]) -> "Scenario":
+def _load_given(given: tuple[str, dict[str, Any], list[str] | None]) -> "Scenario":
     """Return the scenario defined by `given`: source, keys and overrides."""
     from agrobot_mj.scenario.loading import load_scenario
 
@@ -172,7 +172,7 @@ def _drive(
     from agrobot_mj.simulation.results import remove, results
     from agrobot_mj.simulation.storage import RECORDING, files_of_run
 
-    scenario = _loaded(given)
+    scenario = _load_given(given)
     said = print_hints([scenario], quiet)
     folder = results_folder(out, f"{scenario.name}-{scenario.guidance.outside}-{scenario.hash8}")
     watchers = recordings(folder, options.recorded, options.live)
@@ -186,7 +186,7 @@ def _drive(
 
 
 COMMANDS = {
-    link: listed("Connect", "link figure_eight", "link figure_eight --address 192.168.1.20 --duration 600"),
-    ros2: listed("Connect", "ros2 figure_eight", "ros2 figure_eight --pace lock_step --stamped", advanced=True),
-    export: listed("Connect", "export runs/mine --mcap", "export runs/mine --mcap --out bags", advanced=True),
+    link: help_entry("Connect", "link figure_eight", "link figure_eight --address 192.168.1.20 --duration 600"),
+    ros2: help_entry("Connect", "ros2 figure_eight", "ros2 figure_eight --pace lock_step --stamped", advanced=True),
+    export: help_entry("Connect", "export runs/mine --mcap", "export runs/mine --mcap --out bags", advanced=True),
 }

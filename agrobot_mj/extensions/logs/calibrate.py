@@ -20,7 +20,7 @@ from agrobot_mj.core.table_columns import FieldLogError, Source, column_names, s
 from agrobot_mj.extensions.logs.checks import CHORD_S, SLIPPED, check_columns
 from agrobot_mj.extensions.logs.identify.fit import DELAY_S, Prior, VehicleFit, fit, priors
 from agrobot_mj.extensions.logs.identify.model import Chassis2
-from agrobot_mj.extensions.logs.identify.predictions import PARAMETERS, sensed
+from agrobot_mj.extensions.logs.identify.predictions import PARAMETERS, true_wheel_angles
 from agrobot_mj.extensions.logs.identify.windows import WINDOW_S, VehicleData, enough
 from agrobot_mj.extensions.logs.maps import LogMap, SteerColumn, built_in
 from agrobot_mj.extensions.logs.pieces import (
@@ -28,13 +28,20 @@ from agrobot_mj.extensions.logs.pieces import (
     Pieces,
     read_pieces,
     slow_and_fast,
-    split,
+    split_at,
 )
 from agrobot_mj.extensions.logs.quantities import Quantity, half_width
 from agrobot_mj.extensions.logs.recording import ANGLES, FieldRecording
 from agrobot_mj.extensions.logs.replay.scrub import scrub
 from agrobot_mj.extensions.logs.series import TimeSeries, chords
-from agrobot_mj.extensions.logs.steering import AGES_S, RoughSteering, SteeringCentre, centre_of, moved, rough_steering
+from agrobot_mj.extensions.logs.steering import (
+    AGES_S,
+    RoughSteering,
+    SteeringCentre,
+    centre_of,
+    centres_differ,
+    rough_steering,
+)
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.sensors.dual_antenna import DualAntenna
 
@@ -161,7 +168,7 @@ class Calibration(NamedTuple):
     @property
     def largest_angle(self) -> float:
         """Maximum absolute wheel angle in the log after calibration [rad]."""
-        return max(float(np.abs(sensed(self.fit.values, piece.steer)).max()) for piece in self.data.pieces)
+        return max(float(np.abs(true_wheel_angles(self.fit.values, piece.steer)).max()) for piece in self.data.pieces)
 
     @property
     def calibrated(self) -> LogMap:
@@ -179,7 +186,7 @@ def calibrate(
     """
     m = steered_map(sources[0], log_map)
     cut = read_pieces(sources, m, scenario.tractor.antenna_height_m, start_s, end_s, readings=True)
-    return calibrated(cut, m, scenario)
+    return calibrate_log(cut, m, scenario)
 
 
 def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
@@ -191,7 +198,7 @@ def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
     return m
 
 
-def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
+def calibrate_log(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
     """Calibrate the sensors of a log from its segments, in which the wheel angles are raw sensor values. Raises
     `FieldLogError` for unsuitable logs."""
     t = scenario.tractor
@@ -202,10 +209,10 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
     data = enough(angles, chassis, LEAST_WINDOWS)
     known = priors(t, rough.age) | {"steer_right": Prior(rough.right, RIGHT_SIGMA)}
     centres = tuple(
-        centre for half in split(cut.kept, 0.5) if (centre := centre_of(half, t.wheelbase_m, rough)) is not None
+        centre for half in split_at(cut.kept, 0.5) if (centre := centre_of(half, t.wheelbase_m, rough)) is not None
     )
     # a centre that moves resembles two scales
-    sides = ("steer_right",) if rough.right != 1.0 or len(centres) < 2 or not moved(centres, rough) else ()
+    sides = ("steer_right",) if rough.right != 1.0 or len(centres) < 2 or not centres_differ(centres, rough) else ()
     result = fit(data, (*_names(data), *sides), known)
     left = result.values["steer_scale"]
     for more in (left, left * result.values.get("steer_right", rough.right) / rough.right):
@@ -222,15 +229,15 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
                 f"the value in the column map; set {part}.delay_s closer to the true value and calibrate again"
             )
     slow, fast = slow_and_fast(cut.kept)
-    bends, gyro = _spread(angles) > BENDS_RAD, "yaw_rate" in data.channels
+    bends, gyro = _steering_deviation(angles) > BENDS_RAD, "yaw_rate" in data.channels
     wander = _wander(data, scenario.sensors.gnss.dual_antenna)
     steady, mean = fast < TWO_SPEEDS * slow, (slow + fast) / 2
     drive = _Drive(wander, bends, steady, scrub(scenario), gyro, mean, log_map.speed.of == "wheel")
-    found = _found(result, rough, log_map, drive)
+    found = _quantities_of_fit(result, rough, log_map, drive)
     return Calibration(found, log_map, cut._replace(kept=angles), rough, data, result, centres)
 
 
-def _spread(angles: Sequence[FieldRecording]) -> float:
+def _steering_deviation(angles: Sequence[FieldRecording]) -> float:
     """Return the standard deviation of the wheel angle over all segments [rad]."""
     return float(np.std(np.concatenate([each.steer.value for each in angles if each.steer is not None])))
 
@@ -273,7 +280,7 @@ def _ways(position: TimeSeries, speed: TimeSeries) -> Array:
     return np.stack([chord, *(np.diff(np.interp(t - age, speed.t, way)) for age in AGES_S)])
 
 
-def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -> dict[str, Quantity]:
+def _quantities_of_fit(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -> dict[str, Quantity]:
     """Return the calibrated quantities with their 95 % intervals, by map key, computed from the fit `result`."""
     value, index = result.values, {name: k for k, name in enumerate(result.names)}
     assert m.steer is not None

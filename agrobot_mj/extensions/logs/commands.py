@@ -21,7 +21,7 @@ from agrobot_mj.cli.options import (
     results_folder,
     with_option,
 )
-from agrobot_mj.cli.panels import HelpEntry, listed
+from agrobot_mj.cli.panels import HelpEntry, help_entry
 
 if TYPE_CHECKING:
     from agrobot_mj.scenario.schema import Scenario
@@ -84,10 +84,10 @@ def twin(
     from agrobot_mj.core.errors import ScenarioError
     from agrobot_mj.core.table_columns import FieldLogError
     from agrobot_mj.extensions.logs.parts import Job, analyse, chosen_parts
-    from agrobot_mj.simulation.progress import elapsed
+    from agrobot_mj.simulation.progress import print_elapsed
 
     if described:
-        texts = _described(logs, map_file)
+        texts = _describe_logs(logs, map_file)
         return Answer({"logs": texts}, "\n\n".join(texts))
     if not start < end:
         raise ScenarioError(f"--from {start:g} --to {end:g}: the end must be later than the start")
@@ -98,7 +98,7 @@ def twin(
         part.check(scenario, names(fitted, "--fit"))
     options = {"names": names(fitted, "--fit"), "share": share, "start_s": start, "end_s": end, "by": by}
     job = Job(logs, map_file, scenario, **options)
-    with elapsed(f"{logs[0].name}: analysing", quiet):
+    with print_elapsed(f"{logs[0].name}: analysing", quiet):
         lines = [] if chosen == ["valve"] else list(job.health)
         try:
             found = analyse(parts, job, folder)
@@ -111,7 +111,7 @@ def twin(
     return Answer(content, "\n".join(lines), "\n".join(each.failed for each in found.values() if each.failed))
 
 
-def _described(logs: list[Path], map_file: Path | None) -> list[str]:
+def _describe_logs(logs: list[Path], map_file: Path | None) -> list[str]:
     """Return a description of each log, including its possible uses."""
     from agrobot_mj.extensions.logs.maps import read_map
     from agrobot_mj.extensions.logs.readers import open_log
@@ -163,7 +163,7 @@ def _former_identify() -> Callable[..., Answer]:
 
 
 COMMANDS = {
-    twin: listed(
+    twin: help_entry(
         "Field logs",
         "twin field.csv --map map.toml --machine row_crop --out mine",
         "twin field.csv --map map.toml --describe",

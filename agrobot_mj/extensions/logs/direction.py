@@ -46,7 +46,7 @@ def is_signed(recording: FieldRecording) -> bool:
     return recording.signed or float(recording.speed.value.min()) < SIGNED
 
 
-def directed(recording: FieldRecording) -> Directed:
+def with_direction(recording: FieldRecording) -> Directed:
     """Return the recording with a negative speed in reverse, or unchanged if the direction is not identified."""
     speed = recording.speed
     if recording.position is None or len(recording.position.t) < 8:

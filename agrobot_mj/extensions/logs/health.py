@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agrobot_mj.core.table_columns import FieldLogError, Source
-from agrobot_mj.extensions.logs.direction import LONGEST_STEP_S, directed
+from agrobot_mj.extensions.logs.direction import LONGEST_STEP_S, with_direction
 from agrobot_mj.extensions.logs.identify.windows import FIT_S
 from agrobot_mj.extensions.logs.maps import LogMap, SteerColumn
 from agrobot_mj.extensions.logs.pieces import SHORTEST_S, Bursts, bursts
@@ -27,8 +27,8 @@ from agrobot_mj.extensions.logs.steering import (
     RoughSteering,
     SteeringCentre,
     centre_of,
+    centres_differ,
     line_of,
-    moved,
     standard_error,
     turning,
     two_sided,
@@ -78,7 +78,7 @@ class LogHealth(NamedTuple):
 
 def health(recording: FieldRecording) -> LogHealth:
     """Return the properties of a recording in which the wheel angles are raw sensor values."""
-    whole = directed(recording).recording
+    whole = with_direction(recording).recording
     steering, parts = _steering(whole)
     noise = None if whole.position is None else scatter(whole.position.value)
     return LogHealth(whole.name, noise, bursts(whole), steering, parts, _ahead(whole))
@@ -142,13 +142,13 @@ def health_lines(sources: Sequence[Source], log_map: LogMap, height: float = 0.0
             continue
     lines = [f"{each.name}: {line}" for each in found for line in sentences_of(each, log_map)]
     judged = [each for each in found if each.steering and each.parts and each.steering.explained >= TOLD]
-    return [*lines, *(line for one, other in pairwise(judged) for line in _moved(one, other))]
+    return [*lines, *(line for one, other in pairwise(judged) for line in _moved_centres(one, other))]
 
 
-def _moved(one: LogHealth, other: LogHealth) -> Iterator[str]:
+def _moved_centres(one: LogHealth, other: LogHealth) -> Iterator[str]:
     """Yield a sentence if the steering centres of two consecutive logs differ significantly."""
     assert one.steering is not None
-    if moved((one.centre, other.centre), one.steering):
+    if centres_differ((one.centre, other.centre), one.steering):
         digits = _digits(one.steering)
         before, after = (f"{each.centre.value:.{digits}f} in {each.name}" for each in (one, other))
         yield f"the steering centre is {before} and {after}: the sensor has moved; evaluate each log separately"
@@ -187,13 +187,13 @@ def _of_steering(h: LogHealth, steering: RoughSteering, m: SteerColumn) -> Itera
     digits, centres = _digits(steering), [part.centre for part in h.parts]
     where = ", ".join(f"{each.centre.value:.{digits}f} ({each.start:.0f}-{each.end:.0f} s)" for each in h.parts)
     yield f"the steering explains {share:.0f} % of the yaw rate; steering centre: {where}"
-    if moved(centres, steering):
+    if centres_differ(centres, steering):
         apart = max(centres).value - min(centres).value
         yield f"the steering centre moves by {apart:.{digits}f} within this log; check whether the sensor is loose"
     elif (
         m.unit != "1/m"
         and "offset" in m.model_fields_set
-        and moved((h.centre, SteeringCentre(m.offset, 0.0)), steering)
+        and centres_differ((h.centre, SteeringCentre(m.offset, 0.0)), steering)
     ):
         yield (
             f"the steering centre in this log is {h.centre.value:.{digits}f}, but the map has {m.offset:g}: the sensor "

@@ -165,7 +165,7 @@ class PositionColumns(Spec):
         return self
 
 
-def _named(log_map: Spec) -> Iterator[tuple[str, str]]:
+def _named_columns(log_map: Spec) -> Iterator[tuple[str, str]]:
     """Yield the map keys that name a column, with the names of the columns."""
     for part, spec in log_map:
         for key in ("column", "latitude", "longitude", "east", "north", "quality"):
@@ -200,7 +200,7 @@ class LogMap(Spec):
         if self.yaw_rate is None and self.heading is None and self.position is None:
             raise ValueError("yaw_rate: the map has no column of the motion; add [yaw_rate], [heading] or [position]")
         named = dict[str, str]()
-        for key, column in _named(self):
+        for key, column in _named_columns(self):
             if (other := named.setdefault(column, key)) != key:
                 raise ValueError(f"{key}: {column!r} is already used for {other}; specify another column")
         return self
@@ -294,4 +294,4 @@ def lacking(tables: Iterable[str], names: Sequence[str]) -> str:
 
 def named_columns(log_map: LogMap) -> dict[str, str]:
     """Return the map key of each column, by column name."""
-    return {column: key for key, column in _named(log_map)}
+    return {column: key for key, column in _named_columns(log_map)}

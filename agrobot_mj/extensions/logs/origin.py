@@ -9,7 +9,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from agrobot_mj.core.identity import PARTS, digest, file_digest, joined, program_digest
+from agrobot_mj.core.identity import PARTS, digest, file_digest, joint_digest, program_digest
 from agrobot_mj.core.table_columns import Source
 from agrobot_mj.extensions.logs.maps import LogMap
 from agrobot_mj.scenario.schema import Scenario
@@ -20,8 +20,8 @@ def log_identity(scenario: Scenario, sources: Sequence[Source], log_map: LogMap 
     that affect the result, as JSON values."""
     of = scenario.identity
     said = json.dumps([log_map and log_map.model_dump(mode="json"), asked])
-    files = joined([of.files, *map(_content, sources)])
-    return str(of._replace(scenario=joined([of.scenario, said]), files=files, program=_program()))
+    files = joint_digest([of.files, *map(_content, sources)])
+    return str(of._replace(scenario=joint_digest([of.scenario, said]), files=files, program=_program()))
 
 
 def _content(source: Source) -> str:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from agrobot_mj.core.errors import ScenarioError, suggestion
 from agrobot_mj.core.markdown import markdown_table
-from agrobot_mj.core.table_columns import Source, loaded
+from agrobot_mj.core.table_columns import Source, load_table
 from agrobot_mj.extensions.logs.calibrate import Calibration, calibrate
 from agrobot_mj.extensions.logs.health import health_lines
 from agrobot_mj.extensions.logs.identify.keys import fit_keys, start_values
@@ -53,7 +53,7 @@ class Job:
         if other := [log for log, each in zip(self.logs, maps, strict=True) if each != maps[0]]:
             more = "use one type of log at a time, or specify --map"
             raise ScenarioError(f"{other[0]}: the columns differ from those of {self.logs[0]}; {more}")
-        return [loaded(each.source) for each in found], maps[0]
+        return [load_table(each.source) for each in found], maps[0]
 
     @cached_property
     def health(self) -> list[str]:
@@ -158,7 +158,7 @@ def _table(found: Found, units: Mapping[str, str]) -> str:
     return markdown_table(HEAD, quantity_rows(found, units), 1, aligned=True)
 
 
-def driven(job: Job) -> Finding:
+def replay_logs(job: Job) -> Finding:
     """Replay the recorded steering and speed of the logs on a plant."""
     sources, log_map, scenario, options = job.given("by")
     found = replay(sources, log_map, scenario, **options)
@@ -236,7 +236,7 @@ PARTS = {
     "calibrate": LogPart(calibration, "calibration.json", lambda scenario: ("map.toml",)),
     "identify": LogPart(vehicle, "vehicle.json", check=lambda scenario, names: fitted_parameters(names)),
     "keys": LogPart(keys, "keys.json", check=start_values),
-    "replay": LogPart(driven, "replay.json", files_of_replay),
+    "replay": LogPart(replay_logs, "replay.json", files_of_replay),
     "valve": LogPart(valve, "identified.json"),
 }
 """Parts of the analysis that the option `--only` selects, by name."""

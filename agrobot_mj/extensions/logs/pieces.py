@@ -12,7 +12,7 @@ import numpy as np
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.table_columns import FieldLogError, Mask, Source
-from agrobot_mj.extensions.logs.direction import STANDING_M_S, directed, is_signed
+from agrobot_mj.extensions.logs.direction import STANDING_M_S, is_signed, with_direction
 from agrobot_mj.extensions.logs.identify.windows import FIT_S
 from agrobot_mj.extensions.logs.maps import LogMap
 from agrobot_mj.extensions.logs.recording import LONGEST_GAP_S, FieldRecording, read_recording
@@ -50,7 +50,7 @@ def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float 
     kept, notes, signed, recordings = list[FieldRecording](), list[str](), False, list(recordings)
     for recording in recordings:
         signed |= is_signed(recording)
-        found = directed(recording)
+        found = with_direction(recording)
         whole, bounds = _at_axle(found.recording), recording.bounds(start, end)
         out = sorted(_left_out(whole))
         spans = list(_between(out, *bounds, min(SHORTEST_S, bounds[1] - bounds[0])))
@@ -190,7 +190,7 @@ def slow_and_fast(recordings: Sequence[FieldRecording]) -> tuple[float, float]:
     return float(slow), float(fast)
 
 
-def split(kept: Sequence[FieldRecording], share: float) -> tuple[list[FieldRecording], list[FieldRecording]]:
+def split_at(kept: Sequence[FieldRecording], share: float) -> tuple[list[FieldRecording], list[FieldRecording]]:
     """Return the segments before and after the fraction `share` of their total time. A segment across this time is
     divided."""
     left = share * sum(each.end - each.start for each in kept)

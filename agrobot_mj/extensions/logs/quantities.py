@@ -29,7 +29,7 @@ class Quantity(NamedTuple):
     @property
     def rounded(self) -> float:
         """Value rounded to the second significant digit of the interval's half width."""
-        return rounded(self.value, self.half)
+        return round_to_interval(self.value, self.half)
 
     @property
     def text(self) -> str:
@@ -39,7 +39,7 @@ class Quantity(NamedTuple):
     @property
     def ends(self) -> tuple[str, str]:
         """Lower and upper end of the interval as strings, rounded to the last digit of the value."""
-        return f"{rounded(self.low, self.half):g}", f"{rounded(self.high, self.half):g}"
+        return f"{round_to_interval(self.low, self.half):g}", f"{round_to_interval(self.high, self.half):g}"
 
     def excludes(self, value: float) -> bool:
         """Return whether the interval excludes a value."""
@@ -68,7 +68,7 @@ def quantity_numbers(found: Found) -> dict[str, dict[str, Any]]:
     }
 
 
-def rounded(value: float, half: float) -> float:
+def round_to_interval(value: float, half: float) -> float:
     """Return a value rounded to the second significant digit of a half width, or to six digits without an interval."""
     if not 0.0 < half < 1e300:
         return float(f"{value:.6g}")

@@ -46,9 +46,9 @@ from agrobot_mj.extensions.logs.series import (
     fresh,
     in_order,
     lone,
-    sharpened,
     slope_of,
     turned_headings,
+    undo_averaging,
 )
 
 SPEEDS = {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600, "mph": 0.44704}
@@ -145,7 +145,7 @@ def read_recording(
     speed = r.speed(m.speed)
     heading = r.heading(m.heading, speed) if m.heading else None
     position = r.position(m.position, speed) if m.position else None
-    yaw_rate, found = (r.yaw_rate(m.yaw_rate), "gyro") if m.yaw_rate else _derived(heading, position, speed)
+    yaw_rate, found = (r.yaw_rate(m.yaw_rate), "gyro") if m.yaw_rate else _yaw_rate_and_source(heading, position, speed)
     inputs = [series for series in (steer, voltage, speed) if series is not None]
     columns = {"speed": m.speed, "steer": m.steer, "voltage": m.valve}
     p = m.position or PositionColumns(east="x", north="y")
@@ -184,7 +184,7 @@ class _Reader(NamedTuple):
         reading = np.where(reading < 0, c.scale_right or c.scale, c.scale) * reading
         angle = np.arctan(c.wheelbase_m * reading) if c.wheelbase_m else ANGLES[c.unit] * reading
         series = self._known("steer", c, self._settled(c.column, angle), largest, "rad")
-        return TimeSeries(series.t, sharpened(series, c.averaged_s))
+        return TimeSeries(series.t, undo_averaging(series, c.averaged_s))
 
     def voltage(self, c: ValveColumn) -> TimeSeries:
         return self._known("valve", c, 6.0 + c.volts_per_unit * (self.data[c.column] - c.neutral))
@@ -308,7 +308,7 @@ class _Reader(NamedTuple):
         return TimeSeries(self.t[good] - c.delay_s, values[good])
 
 
-def _derived(
+def _yaw_rate_and_source(
     heading: TimeSeries | None, position: TimeSeries | None, speed: TimeSeries
 ) -> tuple[TimeSeries | None, str]:
     """Return the yaw rate of a log without a gyro, and its source: the heading or, without a heading, the course. The

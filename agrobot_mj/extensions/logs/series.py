@@ -67,7 +67,7 @@ class TimeSeries(NamedTuple):
         return TimeSeries(self.t[inside], self.value[inside])
 
 
-def decreased(steps: Sequence[float]) -> str:
+def note_on_decreases(steps: Sequence[float]) -> str:
     """Return a note about decreases of time by `steps` [s], at which new segments begin."""
     number = f"{len(steps)} times, first " if len(steps) > 1 else ""
     return f"the time decreases {number}by {steps[0]:.3g} s; the following rows are a new segment"
@@ -89,7 +89,7 @@ def in_order(t: Array) -> tuple[Index, Array, list[str]]:
     steps = np.diff(t)
     back = steps < -LATE_S
     if 0 < back.sum() <= MOST_DECREASES * len(t):
-        notes.append(decreased((-steps[back]).tolist()))
+        notes.append(note_on_decreases((-steps[back]).tolist()))
         t = t + np.concatenate(([0.0], np.cumsum(np.where(back, RESTART_S - steps, 0.0))))
         back[:] = False
     if not back.any():
@@ -211,7 +211,7 @@ def chords(position: TimeSeries, spacing: float) -> tuple[Array, Array]:
     return t, np.hypot(*np.diff([np.interp(t, position.t, each) for each in position.value.T]))
 
 
-def sharpened(series: TimeSeries, length: float) -> Array:
+def undo_averaging(series: TimeSeries, length: float) -> Array:
     """Return the values of a sensor, corrected to second order for averaging over `length` [s] in the sensor."""
     x, spacing = series.value, float(np.median(np.diff(series.t)))
     if not length or len(x) < 3:

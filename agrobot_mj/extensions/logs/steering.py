@@ -201,7 +201,7 @@ def standard_error(values: Sequence[float]) -> float:
     return float(np.std(values, ddof=1)) / sqrt(len(values)) if len(values) > 1 else inf
 
 
-def moved(centres: Sequence[SteeringCentre], rough: RoughSteering) -> bool:
+def centres_differ(centres: Sequence[SteeringCentre], rough: RoughSteering) -> bool:
     """Return whether the lowest and the highest of several steering centres differ significantly."""
     low, high = min(centres), max(centres)
     apart = high.value - low.value - SIGMAS * hypot(low.error, high.error)

@@ -13,7 +13,7 @@ from agrobot_mj.extensions.logs.identify.vehicle import IdentifiedVehicle, told_
 from agrobot_mj.extensions.logs.pieces import TWO_SPEEDS, excitation, slow_and_fast
 from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.replay.result import ReplayResult
-from agrobot_mj.extensions.logs.steering import MOVED_DEG, moved
+from agrobot_mj.extensions.logs.steering import MOVED_DEG, centres_differ
 from agrobot_mj.extensions.logs.twin.twin import SCENARIO, Twin
 from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 
@@ -68,7 +68,7 @@ def map_lines(c: Calibration) -> str:
 
 def _centre(c: Calibration, tractor: TractorParameters) -> Iterator[str]:
     centre, given, off = c.found["steer.offset"], c.steer.offset, c.centre_error
-    if moved(c.centres, c.rough):
+    if centres_differ(c.centres, c.rough):
         first, second = (each.value for each in c.centres)
         yield (
             f"The steering centre changes from {first:.3g} in the first half of the drive to {second:.3g} in the "

@@ -72,7 +72,7 @@ def tyre_kind(scenario: Scenario) -> str:
     return scenario.plant.tyre.kind
 
 
-def restarted(scenario: Scenario, settings: NextStart) -> Scenario:
+def restart_scenario(scenario: Scenario, settings: NextStart) -> Scenario:
     """Return the scenario with the settings of the next start. Raise `ScenarioError` if a setting is invalid."""
     keys: dict[str, Any] = {}
     if hasattr(scenario.terrain, "grade_deg"):

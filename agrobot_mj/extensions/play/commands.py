@@ -11,7 +11,7 @@ import typer
 from agrobot_mj.cli.interrupts import stop_on_signals
 from agrobot_mj.cli.options import Answer, NoRrd, Out, Quiet, Sets, Source, finite, overrides, results_folder
 from agrobot_mj.cli.output import print_hints
-from agrobot_mj.cli.panels import listed
+from agrobot_mj.cli.panels import help_entry
 
 
 def play(
@@ -37,7 +37,7 @@ def play(
     from agrobot_mj.extensions.play.play import play as drive
     from agrobot_mj.extensions.play.session import drivable
     from agrobot_mj.scenario.loading import load_scenario
-    from agrobot_mj.simulation.progress import elapsed
+    from agrobot_mj.simulation.progress import print_elapsed
     from agrobot_mj.simulation.results import check_folder
     from agrobot_mj.simulation.storage import files_of_run
     from agrobot_mj.studies.engine.workers import compiling_beside
@@ -62,7 +62,7 @@ def play(
     options = PlayOptions(port, network, seconds, not no_rrd)
     with ExitStack() as waiting, stop_on_signals() as stopped, redirect_stdout(io.StringIO()):
         waiting.enter_context(compiling_beside(scenario))
-        waiting.enter_context(elapsed(f"{scenario.name}: placing the tractor", quiet))
+        waiting.enter_context(print_elapsed(f"{scenario.name}: placing the tractor", quiet))
         drives = drive(driven, folder, options, stopped, ready)
     rows = [
         {"folder": str(place), "outcome": log.outcome, "duration_s": log.scenario.duration_s} for place, log in drives
@@ -73,7 +73,7 @@ def play(
 
 
 COMMANDS = {
-    play: listed(
+    play: help_entry(
         *(
             "Run",
             "play",

@@ -7,13 +7,13 @@ from agrobot_mj.faults.base import Scripted
 from agrobot_mj.faults.script import Script
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.snapshot import Snapshot
-from agrobot_mj.simulation.stepping import Simulation, resumed
+from agrobot_mj.simulation.stepping import Simulation, resume_simulation
 
 FREE = {"name", "title", "duration_s", "expected_outcome", "expected_reason", "fault", "guidance"}
 """Scenario keys that may differ between a saved run and its continuation."""
 
 
-def continued(state: Snapshot, scenario: Scenario) -> Simulation:
+def continue_run(state: Snapshot, scenario: Scenario) -> Simulation:
     """Return a simulation of `scenario` that continues from a state saved during a run of a similar scenario.
 
     The duration may differ, and faults may be added or changed without effect on the past. The type of the guidance law
@@ -31,7 +31,7 @@ def continued(state: Snapshot, scenario: Scenario) -> Simulation:
     if state.rows.filled > scenario.ticks:
         raise CommandError(f"continued: duration_s: must be at least the current time, {t:g} s")
     stages = {**state.loop.stages, "faults": _fault_states(state, scenario, t + TICK_S / 2)}
-    return resumed(Simulation, state._replace(scenario=scenario, loop=state.loop._replace(stages=stages)))
+    return resume_simulation(Simulation, state._replace(scenario=scenario, loop=state.loop._replace(stages=stages)))
 
 
 def _fault_states(state: Snapshot, scenario: Scenario, now: float) -> tuple[object, ...]:

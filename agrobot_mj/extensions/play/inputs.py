@@ -13,7 +13,7 @@ from math import isfinite, isnan, nan
 from pathlib import Path
 from typing import NamedTuple
 
-from agrobot_mj.core.resources import checked, refuse, stamp
+from agrobot_mj.core.resources import checked_path, refuse, stamp
 
 INPUTS = "inputs.csv"  # Name of the CSV file in the results folder of a drive
 HEADER = ("tick", "law", "steer_rad", "speed_m_s")
@@ -55,12 +55,12 @@ def read_inputs(name: str) -> PlayTable:
 
     The result is cached until the file changes.
     """
-    return _read(name, stamp(name))
+    return _read_inputs(name, stamp(name))
 
 
 @lru_cache(maxsize=8)
-def _read(name: str, _changed: object) -> PlayTable:
-    path = checked(name, [".csv"], MOST_BYTES)
+def _read_inputs(name: str, _changed: object) -> PlayTable:
+    path = checked_path(name, [".csv"], MOST_BYTES)
     try:
         with path.open(encoding="utf-8", newline="") as file:
             rows = list(csv.reader(file))

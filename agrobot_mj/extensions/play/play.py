@@ -20,7 +20,7 @@ from agrobot_mj.extensions.play.adjustments import (
     FAULT_S,
     NextStart,
     fault_kinds,
-    restarted,
+    restart_scenario,
     tyre_kind,
     tyre_kinds,
 )
@@ -94,7 +94,7 @@ class Play:
         """Save the current drive and start a new one, or continue the drive if a setting is invalid."""
         before = self.session
         try:
-            self.start(restarted(before.base, settings))
+            self.start(restart_scenario(before.base, settings))
         except ScenarioError as error:
             before.message = str(error)
         else:

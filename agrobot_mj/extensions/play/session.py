@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from agrobot_mj.core.errors import CommandError, ScenarioError
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.extensions.play.adjustments import ADJUSTMENTS
-from agrobot_mj.extensions.play.continuing import continued
+from agrobot_mj.extensions.play.continuing import continue_run
 from agrobot_mj.extensions.play.inputs import INPUTS, PlayInput, write_inputs
 from agrobot_mj.extensions.play.played import Played, PlayState, nearest_time
 from agrobot_mj.scenario.reference import families
@@ -84,7 +84,7 @@ class PlaySession:
             if not self.given.law:
                 raise
             self.message = f"{self.law_names[self.given.law - 1]}: {error}"
-            self.sim, self.given = continued(before, before.scenario), PlayInput()
+            self.sim, self.given = continue_run(before, before.scenario), PlayInput()
             return
         if not self._changes or self._changes[-1][1] != self.given:
             self._changes.append((before.rows.filled, self.given))
@@ -135,7 +135,7 @@ class PlaySession:
             faults.append({**fault, "start_s": round(now, 9), **end})
         try:
             scenario = self.sim.scenario.changed({"fault": faults})
-            self.sim = continued(self.sim.save(), scenario)
+            self.sim = continue_run(self.sim.save(), scenario)
         except (ScenarioError, CommandError) as error:
             self.message = str(error)
             return False
@@ -153,7 +153,7 @@ class PlaySession:
             self.message = "no state has been kept"
             return
         state, self.given, open_faults, values = self._mark
-        self.sim = continued(state, state.scenario)
+        self.sim = continue_run(state, state.scenario)
         self._open, self.values = dict(open_faults), dict(values)
         self._changes = [(tick, given) for tick, given in self._changes if tick < self.ticks]
         self._before = None
@@ -175,7 +175,7 @@ class PlaySession:
         write_inputs(folder / INPUTS, self._changes)
         before = self._before if self._before is not None else self.sim.save()
         scenario = _repeating(self.sim.scenario, folder / INPUTS, max(self.ticks, 1))
-        sim = continued(before, scenario)
+        sim = continue_run(before, scenario)
         while not sim.done:
             sim.step()
         return sim.log(self.ticks * TICK_S)

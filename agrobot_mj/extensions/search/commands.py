@@ -23,8 +23,8 @@ from agrobot_mj.cli.options import (
     utf8,
 )
 from agrobot_mj.cli.output import print_hints, say
-from agrobot_mj.cli.panels import HelpEntry, listed
-from agrobot_mj.core.errors import ScenarioError, shortened
+from agrobot_mj.cli.panels import HelpEntry, help_entry
+from agrobot_mj.core.errors import ScenarioError, shorten
 
 if TYPE_CHECKING:
     from agrobot_mj.extensions.search.falsify import Combination, Varied
@@ -66,7 +66,7 @@ def limit(
     from agrobot_mj.extensions.search.limit import Question, content
     from agrobot_mj.extensions.search.limit import limit as search
     from agrobot_mj.scenario.loading import load_scenario
-    from agrobot_mj.simulation.progress import elapsed
+    from agrobot_mj.simulation.progress import print_elapsed
 
     kinds = names(",".join(guidance), "--guidance") if guidance else []
     scenario = load_scenario(source, overrides(sets))
@@ -74,7 +74,7 @@ def limit(
     question = Question(key, *_ends(range_), until, max_seeds, reliability, confidence, tolerance)
     sound, said = overrides(beside, "--beside") if beside else None, list[str]()
     tell, hint = partial(_tell, key, quiet), lambda ends: said.extend(print_hints(ends, quiet))
-    with elapsed(f"{scenario.name}: searching", quiet):
+    with print_elapsed(f"{scenario.name}: searching", quiet):
         found = search(scenario, question, kinds, folder, jobs, tell, hint, sound)
     lines = [each.statement + (f"\n  {each.beside.statement}" if each.beside else "") for each in found]
     about = {"folder": str(folder), "hints": said}
@@ -187,7 +187,7 @@ def falsify(
     from agrobot_mj.scenario.loading import load_scenario
 
     scenario = load_scenario(source, overrides(sets))
-    question = FalsifyQuestion(tuple(map(_varied, vary)), until, budget, seeds, score)
+    question = FalsifyQuestion(tuple(map(_varied_key, vary)), until, budget, seeds, score)
     folder = results_folder(out, f"falsify-{scenario.name}")
     about = {"folder": str(folder), "hints": print_hints([scenario], quiet)}
 
@@ -199,7 +199,7 @@ def falsify(
     return Answer({**content(scenario, question, found), **about}, f"{found.statement}\n{folder / 'falsify.json'}")
 
 
-def _varied(text: str) -> "Varied":
+def _varied_key(text: str) -> "Varied":
     """Return a varied key with its range or distribution, from `KEY=MILD:HARD` or `KEY={normal = [MEAN, SD]}`."""
     from agrobot_mj.extensions.search.falsify import Varied
 
@@ -216,7 +216,7 @@ def _varied(text: str) -> "Varied":
         first, second = map(float, numbers)
     except (AttributeError, LookupError, TypeError, ValueError):
         form = "KEY=MILD:HARD or 'KEY={normal=[MEAN, SD]}'"
-        raise ScenarioError(f"--vary {shortened(text)}: the range must have the form {form}") from None
+        raise ScenarioError(f"--vary {shorten(text)}: the range must have the form {form}") from None
     return made(key, first, second)
 
 
@@ -273,16 +273,16 @@ def _score(part: dict[str, Any], name: str) -> str:
 
 
 COMMANDS = {
-    limit: listed(
+    limit: help_entry(
         "Compare",
         'limit side_slope_10 --key terrain.grade_deg --range 0:25 --until "xte_rms > 0.3"',
         'limit circle --key path.radius_m --range 6:2 --until "xte_rms > 0.02" --guidance lqr,stanley --json',
     ),
-    risk: listed("Compare", 'risk side_slope_10_lqr --until "xte_abs_max > 0.4"', advanced=True),
-    falsify: listed(
+    risk: help_entry("Compare", 'risk side_slope_10_lqr --until "xte_abs_max > 0.4"', advanced=True),
+    falsify: help_entry(
         "Compare", 'falsify lane_change --vary path.speed_m_s=1.2:3 --until "xte_abs_max > 0.3"', advanced=True
     ),
-    tune: listed(
+    tune: help_entry(
         "Compare",
         "tune figure_eight --guidance lqr",
         "tune my_field.toml --guidance stanley --budget 64 --seeds 2",

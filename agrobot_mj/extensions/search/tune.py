@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.errors import ScenarioError, shortened
+from agrobot_mj.core.errors import ScenarioError, shorten
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.search.tuning_cases import TuningCase, TuningFile, tuning_cases
 from agrobot_mj.metrics.success import COMPLETED, error_of, failures
@@ -73,7 +73,7 @@ def check_size(file: TuningFile, budget: int, seeds: int) -> None:
     runs = of_one["training"] * (max(budget, POPULATION) + 2) + 2 * of_one["test"]
     if runs > MOST_RUNS:
         raise ScenarioError(
-            f"--budget {shortened(str(budget), 20)} --seeds {shortened(str(seeds), 20)}: this needs more than "
+            f"--budget {shorten(str(budget), 20)} --seeds {shorten(str(seeds), 20)}: this needs more than "
             f"{MOST_RUNS:,} runs; reduce the budget or the seeds"
         )
 
@@ -188,8 +188,8 @@ def search(
         "ranges": {key: list(limits) for key, limits in ranges.items()},
         "before": present,
         "gains": gains,
-        "training": _judged(training, gains, do),
-        "test": _judged(test, gains, do),
+        "training": _evaluate_gains(training, gains, do),
+        "test": _evaluate_gains(test, gains, do),
         "trace": [[*ranges, "cost"], *([*tried.values(), round(cost, 4)] for tried, cost in trace)],
     }
 
@@ -239,7 +239,7 @@ def _first(begun: Sequence[Mapping[str, float | None]], ranges: Mapping[str, Lim
     return points
 
 
-def _judged(cases: Sequence[TuningCase], gains: Overrides, do: RunTasks) -> dict[str, Any]:
+def _evaluate_gains(cases: Sequence[TuningCase], gains: Overrides, do: RunTasks) -> dict[str, Any]:
     found: dict[str, Any] = {
         "speeds_m_s": sorted({case.speed for case in cases}),
         "seeds": sorted({case.seed for case in cases}),

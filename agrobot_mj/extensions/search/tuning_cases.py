@@ -105,12 +105,12 @@ def tuning_cases(scenario: Scenario, file: TuningFile, part: str, seeds: int) ->
     return [
         TuningCase(case.name, case.measure, seed, changed.changed({"seed": seed}))
         for case in file.part(part)
-        for changed in _driven(scenario, {**file.set, **case.set}, case)
+        for changed in _scenarios_at_speeds(scenario, {**file.set, **case.set}, case)
         for seed in range(first, first + seeds)
     ]
 
 
-def _driven(scenario: Scenario, changes: dict[str, Any], case: CaseSpec) -> Iterator[Scenario]:
+def _scenarios_at_speeds(scenario: Scenario, changes: dict[str, Any], case: CaseSpec) -> Iterator[Scenario]:
     """If the plant supports a case, yield its scenario at each speed. Raises `ScenarioError` for invalid keys."""
     try:
         changed = scenario.changed(changes)

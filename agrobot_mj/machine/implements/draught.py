@@ -66,7 +66,7 @@ class ToolLaw(NamedTuple):
 
 
 @kernel
-def engaged(law: ToolLaw, depth: float) -> float:
+def depth_ratio(law: ToolLaw, depth: float) -> float:
     """Return the depth `depth` [m] divided by the intended depth of the tool [-], limited to 0 to `DEEPEST`."""
     return min(max(depth / law.depth, 0.0), DEEPEST)
 
@@ -74,7 +74,7 @@ def engaged(law: ToolLaw, depth: float) -> float:
 @kernel
 def draught(law: ToolLaw, speed: float, depth: float) -> float:
     """Return the mean draught [N] of a tool at a speed [m/s] and depth [m]."""
-    S, share = 3.6 * abs(speed), engaged(law, depth)
+    S, share = 3.6 * abs(speed), depth_ratio(law, depth)
     T = 100.0 * law.depth * share if law.by_depth > 0.5 else min(share, 1.0)
     return (law.a + law.b * S + law.c * S * S) * T
 

@@ -107,7 +107,7 @@ def read_agopengps(text: str) -> ShapeFile:
     if not lines:
         raise ValueError(f"the file has no shapes of an AgOpenGPS field; choose a file with {', '.join(HEADS)}")
     lines.head = lines.next()
-    readers = {"track": _tracks, "tram": _tram, "headlines": _headlines, "recorded": _recorded}
+    readers = {"track": _tracks, "tram": _tram, "headlines": _headlines, "recorded": _recorded_paths}
     shapes = tuple(readers.get(HEADS[lines.head], _rings)(lines))
     return ShapeFile(shapes, name=shapes[0].name if shapes else "")
 
@@ -166,7 +166,7 @@ def _tram(lines: _Lines) -> Iterator[Polyline]:
         yield Polyline(lines.points(), False, "tram", f"tramline {k + 1}")
 
 
-def _recorded(lines: _Lines) -> Iterator[Polyline]:
+def _recorded_paths(lines: _Lines) -> Iterator[Polyline]:
     """Yield the recorded path of RecPath.txt, whose rows contain east, north, heading, speed [km/h] and button
     state."""
     rows = lines.table(4)

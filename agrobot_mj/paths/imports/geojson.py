@@ -80,11 +80,11 @@ def of_geometry(geometry: Any, properties: Mapping[str, Any]) -> Iterator[Polyli
         for each in geometry.get("geometries") or []:
             yield from of_geometry(each, properties)
     elif kind in ("Polygon", "MultiPolygon"):
-        for polygon in _listed(parts) if kind == "MultiPolygon" else [parts]:
-            for k, ring in enumerate(_listed(polygon)):
+        for polygon in _checked_list(parts) if kind == "MultiPolygon" else [parts]:
+            for k, ring in enumerate(_checked_list(polygon)):
                 yield Polyline(_points(ring), True, "hole" if k else role, name, properties=properties)
     elif kind in ("LineString", "MultiLineString"):
-        for line in _listed(parts) if kind == "MultiLineString" else [parts]:
+        for line in _checked_list(parts) if kind == "MultiLineString" else [parts]:
             points = _points(line)
             yield Polyline(points, False, role, name, _per_point(properties, len(points)), properties)
     elif kind in ("Point", "MultiPoint"):
@@ -93,14 +93,14 @@ def of_geometry(geometry: Any, properties: Mapping[str, Any]) -> Iterator[Polyli
         raise ValueError(f"the file has a geometry of type {str(kind)[:30]!r}; use Polygon or LineString")
 
 
-def _listed(found: Any) -> list[Any]:
+def _checked_list(found: Any) -> list[Any]:
     if not isinstance(found, list | tuple):
         raise ValueError("the file has a geometry without coordinates; export the file again")
     return list(found)
 
 
 def _points(found: Any) -> Array:
-    found = _listed(found)
+    found = _checked_list(found)
     try:
         points = np.array([(float(each[0]), float(each[1])) for each in found]).reshape(-1, 2)
     except (TypeError, ValueError, IndexError, KeyError):

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from agrobot_mj.core.errors import required
+from agrobot_mj.core.errors import import_extra
 from agrobot_mj.core.geodesy import Origin, local_points
 from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.imports.shapes import DEGREES, LocalShapes, Polyline, ShapeFile
@@ -39,9 +39,9 @@ def local_shapes(file: ShapeFile, crs: str = "", plane: LocalShapes | None = Non
         return _from_degrees(file, crs, _geographic(file, crs), plane)
     if plane is not None and plane.origin is not None and file.origin is not None:
         east, north = local_points(plane.origin, np.array([file.origin.latitude]), np.array([file.origin.longitude]))[0]
-        return _shifted(file, (-float(east), -float(north)), plane.origin)
+        return _shift_shapes(file, (-float(east), -float(north)), plane.origin)
     shift = plane.shift if plane is not None else _far(file.shapes)
-    return _shifted(file, shift, file.origin if shift == (0.0, 0.0) else None)
+    return _shift_shapes(file, shift, file.origin if shift == (0.0, 0.0) else None)
 
 
 def _from_degrees(file: ShapeFile, crs: str, shapes: list[Polyline], plane: LocalShapes | None) -> LocalShapes:
@@ -83,7 +83,7 @@ def _around(longitude: float, points: Array) -> Array:
 
 
 def _converter(crs: str) -> Callable[[Array], Array]:
-    pyproj = required("pyproj", "fields", f"the coordinate system {crs[:40]}")
+    pyproj = import_extra("pyproj", "fields", f"the coordinate system {crs[:40]}")
     try:
         transformer = pyproj.Transformer.from_crs(crs, DEGREES, always_xy=True)
     except pyproj.exceptions.ProjError:
@@ -122,7 +122,7 @@ def _far(shapes: Iterable[Polyline]) -> tuple[float, float]:
     return float(east), float(north)
 
 
-def _shifted(file: ShapeFile, shift: tuple[float, float], origin: Origin | None) -> LocalShapes:
+def _shift_shapes(file: ShapeFile, shift: tuple[float, float], origin: Origin | None) -> LocalShapes:
     moved = [replace(shape, points=shape.points - shift) if any(shift) else shape for shape in file.shapes]
     extent = checked_extent(moved)
     if 0 < extent < SMALLEST_M:

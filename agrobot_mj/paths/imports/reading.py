@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 from warnings import catch_warnings
 
-from agrobot_mj.core.errors import required
-from agrobot_mj.core.resources import checked, refuse
+from agrobot_mj.core.errors import import_extra
+from agrobot_mj.core.resources import checked_path, refuse
 from agrobot_mj.paths.imports.agopengps import HEADS, read_agopengps
 from agrobot_mj.paths.imports.geojson import SCRIPT, of_geometry, read_geojson
 from agrobot_mj.paths.imports.shapes import DEGREES, ShapeFile
@@ -31,7 +31,7 @@ READERS: Readers = {
 
 def read_shapes(name: str, most_bytes: int = MAX_BYTES, more: Readers | None = None) -> ShapeFile:
     """Return the shapes of the file `name`. Raise a ValueError that names file, problem and fix for an invalid file."""
-    path = checked(name, (), most_bytes)
+    path = checked_path(name, (), most_bytes)
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -39,12 +39,12 @@ def read_shapes(name: str, most_bytes: int = MAX_BYTES, more: Readers | None = N
     try:
         if data.startswith(SHP):
             return read_shapefile(path)
-        return _read_text(decoded(data), {**(more or {}), **READERS})
+        return _read_text(decode(data), {**(more or {}), **READERS})
     except (ValueError, csv.Error) as error:
         refuse(path, str(error))
 
 
-def decoded(data: bytes) -> str:
+def decode(data: bytes) -> str:
     """Return the text of a file in UTF-8, UTF-16 or Windows-1252. Raise ValueError for other content."""
     for codec in ("utf-16",) if data.startswith((b"\xff\xfe", b"\xfe\xff")) else ("utf-8-sig", "cp1252"):
         try:
@@ -78,7 +78,7 @@ MOST_PRJ_BYTES = 100_000  # Maximum size of a .prj file [bytes]
 
 def read_shapefile(path: Path) -> ShapeFile:
     """Return the shapes of a shapefile. Raise ValueError if the file is damaged."""
-    shapefile = required("shapefile", "fields", "a shapefile")
+    shapefile = import_extra("shapefile", "fields", "a shapefile")
     shapefile.VERBOSE = False  # rings in the wrong order are read anyway
     try:
         with ExitStack() as opened, catch_warnings(action="ignore"):
@@ -125,7 +125,7 @@ def _crs(path: Path) -> str:
     file = _part(path, ".prj")
     if file is None or file.stat().st_size > MOST_PRJ_BYTES:
         return ""
-    pyproj = required("pyproj", "fields", "the coordinate system of a shapefile")
+    pyproj = import_extra("pyproj", "fields", "the coordinate system of a shapefile")
     try:
         crs = pyproj.CRS.from_wkt(file.read_text(encoding="utf-8", errors="replace"))
     except pyproj.exceptions.CRSError:

@@ -73,9 +73,9 @@ def read_table(text: str) -> ShapeFile:
     if not (titles or cells):
         raise ValueError("the file contains no positions; export the file again")
     if titles:
-        columns, notes = _named(titles, names)
+        columns, notes = _name_columns(titles, names)
     elif not any(map(_is_number, cells)):
-        columns, notes = _named(number, cells)
+        columns, notes = _name_columns(number, cells)
     else:
         names = _without_empty_end(cells)
         columns, notes = _positional(number, names), ()
@@ -182,7 +182,7 @@ def _key(cell: str) -> tuple[str, float]:
     return key, UNITS.get((unit[1] or unit[2] or "").strip().lower(), 1.0) if unit and key == "speed" else 1.0
 
 
-def _named(number: int, cells: list[str]) -> tuple[list[TableColumn], tuple[str, ...]]:
+def _name_columns(number: int, cells: list[str]) -> tuple[list[TableColumn], tuple[str, ...]]:
     columns, unused = dict[str, TableColumn](), list[str]()
     for k, cell in enumerate(cells):
         key, factor = _key(cell)

@@ -27,7 +27,7 @@ from agrobot_mj.machine.implements.base import DepthWheel, HitchedBody, Implemen
 from agrobot_mj.machine.implements.draught import DEEPEST, draught
 from agrobot_mj.machine.tractor import AxleWheel, TractorParameters
 from agrobot_mj.plants.mujoco.drawing import scene_of
-from agrobot_mj.plants.mujoco.implement import add_implement, attached
+from agrobot_mj.plants.mujoco.implement import add_implement, implement_data
 from agrobot_mj.plants.mujoco.loads import GIVE
 from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
 from agrobot_mj.plants.mujoco.payload import Chassis, check_payloads
@@ -202,7 +202,7 @@ def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1
     model = simulation_model(parts, ground, dt, tyre.native, drawn=False)
     if tyre.native is None:
         check_stability(model, tyres, machine.tractor, tyre)
-    hung = attached(hitched, model, tyre, machine.tractor, seed)
+    hung = implement_data(hitched, model, tyre, machine.tractor, seed)
     if hitched is not None:
         check_implement(model, machine.implement, hitched, hung)
     check_payloads(Chassis(model).bare, payloads)

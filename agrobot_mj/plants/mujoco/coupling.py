@@ -76,7 +76,7 @@ def impedance(solimp: Array, error: float) -> float:
 
 
 @kernel
-def coupled(v: Views, side: int) -> Vector:
+def coupling_values(v: Views, side: int) -> Vector:
     """Return gear ratio d(knuckle)/d(crank), reference acceleration a_ref and regularisation R of the coupling on a
     `side`."""
     c, i = v.coupling, v.coupling.rows[side]
@@ -122,8 +122,8 @@ def accelerate(v: Views) -> None:
     """Compute the accelerations (`qacc`) and the forces of both knuckle couplings (`qfrc_constraint`) in place."""
     add_forces(v)
     c, steer, left, right = v.coupling, v.steer_v, v.coupling.knuckles_v[LEFT], v.coupling.knuckles_v[RIGHT]
-    ratio_l, reference_l, soft_l = coupled(v, LEFT)
-    ratio_r, reference_r, soft_r = coupled(v, RIGHT)
+    ratio_l, reference_l, soft_l = coupling_values(v, LEFT)
+    ratio_r, reference_r, soft_r = coupling_values(v, RIGHT)
     n, (z, of_l, of_r) = c.smooth.size, (c.work[0], c.work[1], c.work[2])
     for i in range(n):
         z[i], of_l[i], of_r[i], c.constraint[i] = c.smooth[i], 0.0, 0.0, 0.0

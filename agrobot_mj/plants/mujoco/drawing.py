@@ -84,7 +84,7 @@ def show(g: DrawnTractor, x: float, y: float, yaw: float, steer: float, travelle
 
 
 @lru_cache(maxsize=8)
-def _compiled(tractor: TractorParameters) -> tuple[mujoco.MjModel, Scene, Array]:
+def _compile_tractor(tractor: TractorParameters) -> tuple[mujoco.MjModel, Scene, Array]:
     model = tractor_spec(Machine(tractor)).compile()
     return model, scene_of(model), ackermann_coefficients(tractor)
 
@@ -93,7 +93,7 @@ class Ghost:
     """MuJoCo tractor on level ground that shows the planar state of the bicycle plant in images."""
 
     def __init__(self, tractor: TractorParameters) -> None:
-        self.model, self.scene, left = _compiled(tractor)
+        self.model, self.scene, left = _compile_tractor(tractor)
         self.data = mujoco.MjData(self.model)
         joints = ("steer", "steer_fl", "steer_fr", "spin_fl", "spin_fr", "spin_rl", "spin_rr")
         self.data.qpos[:7] = 0.0

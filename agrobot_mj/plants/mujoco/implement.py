@@ -139,7 +139,7 @@ def draught_pattern(unevenness: Unevenness, seed: int) -> tuple[Array, float]:
     return np.array(found), unevenness.length / STEPS_A_LENGTH
 
 
-def attached(
+def implement_data(
     hitched: HitchedBody | None, model: mujoco.MjModel, tyre: TyreBase, tractor: TractorParameters, seed: int
 ) -> Attached:
     """Return the implement data for the compiled loop; `hitched` is None for a tractor without an implement."""

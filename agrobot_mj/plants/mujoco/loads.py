@@ -16,7 +16,7 @@ import numpy as np
 
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
-from agrobot_mj.core.vectors import Vector, cross, minus, plus, scaled, to_world
+from agrobot_mj.core.vectors import Vector, cross, minus, plus, scale, to_world
 from agrobot_mj.plants.mujoco.views import CHASSIS, Views
 from agrobot_mj.tyres.patch import relax
 
@@ -59,7 +59,7 @@ def apply_loads(v: Views, loads: Array, dt: float) -> None:
         com = (whole[0], whole[1], whole[2])
         place = minus(com, (v.qpos[0], v.qpos[1], v.qpos[2]))
         if loads[HUNG] > 0.0:  # centre of mass of the tractor without its implement
-            place = plus(place, scaled(loads[HUNG], minus(com, (hung[0], hung[1], hung[2]))))
+            place = plus(place, scale(loads[HUNG], minus(com, (hung[0], hung[1], hung[2]))))
         push(R, loads, place, (-level * R[3], level * R[0], 0.0), wrench)
 
 

@@ -54,7 +54,7 @@ impossible [-]."""
 def tractor_spec(machine: Machine) -> mujoco.MjSpec:
     """Return the `MjSpec` of a tractor without implement and ground. Raises ValueError for impossible parameters."""
     tractor, oil = machine.tractor, machine.cylinder.column(machine.tractor, machine.linkage)
-    spec = _sized(machine) if tractor.mjcf is None else _own(machine)
+    spec = _sized_spec(machine) if tractor.mjcf is None else _own(machine)
     _couple_knuckles(spec, tractor)
     _set_actuators(spec, tractor, oil, machine.driveline)
     steer = spec.joint("steer")
@@ -65,7 +65,7 @@ def tractor_spec(machine: Machine) -> mujoco.MjSpec:
     return spec
 
 
-def _sized(machine: Machine) -> mujoco.MjSpec:
+def _sized_spec(machine: Machine) -> mujoco.MjSpec:
     """Return the tractor of `models/tractor.xml` with the sizes and masses of a machine."""
     spec, tractor = _default().copy(), machine.tractor
     _size_front_axle(spec, tractor)

@@ -44,12 +44,12 @@ def measures(name: str, springs: dict[str, float]) -> dict[str, float]:
     """Return the parameters of `[tractor]` that follow from the body in the file `name` and the tyre stiffness
     `springs`."""
     files = own_files(name)
-    return dict(_measured(str(files.main), tuple(stamp(str(f)) for f in (files.main, *files.others)), *springs.items()))
+    return dict(_measure(str(files.main), tuple(stamp(str(f)) for f in (files.main, *files.others)), *springs.items()))
 
 
 @lru_cache(maxsize=32)
-def _measured(name: str, _stamps: tuple[Stamp | None, ...], *springs: tuple[str, float]) -> dict[str, float]:
-    _, model = _loaded(name)
+def _measure(name: str, _stamps: tuple[Stamp | None, ...], *springs: tuple[str, float]) -> dict[str, float]:
+    _, model = _load_body(name)
     posed = Posed(model)
     whole, short = inertial_of(posed), name.rpartition("/")[2]
     front, rear = posed.centre("fl"), posed.centre("rl")
@@ -67,13 +67,13 @@ def _measured(name: str, _stamps: tuple[Stamp | None, ...], *springs: tuple[str,
     if roll >= 0 and model.jnt_limited[roll]:
         found["axle_pivot_limit_deg"] = float(np.degrees(np.abs(model.jnt_range[roll]).min()))
     found = {key: float(f"{value:.{DIGITS}g}") for key, value in found.items()}
-    at_rest = _checked(short, found, dict(springs)).rear_wheel
+    at_rest = _validate_parameters(short, found, dict(springs)).rear_wheel
     found["cg_height_m"] = float(f"{whole.centre[2] - (rear[2] - at_rest.radius + at_rest.deflection):.{DIGITS}g}")
-    _checked(short, found, dict(springs))
+    _validate_parameters(short, found, dict(springs))
     return found
 
 
-def _checked(short: str, found: dict[str, float], springs: dict[str, float]) -> TractorParameters:
+def _validate_parameters(short: str, found: dict[str, float], springs: dict[str, float]) -> TractorParameters:
     try:
         return TractorParameters.model_validate(found | springs)
     except ValidationError as error:
@@ -84,7 +84,7 @@ def _checked(short: str, found: dict[str, float], springs: dict[str, float]) -> 
         raise ValueError("\n".join(f"{short}: {line}" for line in lines)) from None
 
 
-def _loaded(name: str) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
+def _load_body(name: str) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
     main = own_files(name).main
     try:
         spec = mujoco.MjSpec.from_file(str(main))
@@ -99,7 +99,7 @@ def _loaded(name: str) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
 
 def own_spec(tractor: TractorParameters) -> mujoco.MjSpec:
     """Return the `MjSpec` of a user-defined body with steering and drive. Raises ValueError for an invalid body."""
-    spec, model = _loaded(tractor.mjcf or "")
+    spec, model = _load_body(tractor.mjcf or "")
     default = mujoco.MjSpec.from_file(str(MODELS / "tractor.xml"))
     _keep_masses(spec, model)
     _leave_out(spec, model)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from xml.parsers import expat
 
-from agrobot_mj.core.resources import checked, refuse
+from agrobot_mj.core.resources import checked_path, refuse
 
 MOST_BYTES, MOST_ASSET_BYTES, MOST_FILES = 5_000_000, 50_000_000, 500
 """Maximum size of an MJCF file [bytes], maximum size of an asset [bytes], and maximum number of files."""
@@ -32,7 +32,7 @@ class OwnFiles(NamedTuple):
 
 def own_files(name: str) -> OwnFiles:
     """Return the files of the user-defined body `name`. Raises ValueError with one line per error."""
-    main = checked(name, (".xml", ".mjcf"), MOST_BYTES)
+    main = checked_path(name, (".xml", ".mjcf"), MOST_BYTES)
     reader = _Reader(main)
     if reader.model(main) > MOST_ELEMENTS:
         reader.faults.append(f"there are more than {MOST_ELEMENTS} elements with replicates and attached models")
@@ -99,7 +99,7 @@ class _Reader:
         if "/" in name or "\\" in name or name in ("", ".", ".."):
             self.faults.append(f"{name!r}: must be in the folder of the body and named without a path")
             return None
-        path = checked(str(self.main.parent / name), (), most_bytes)
+        path = checked_path(str(self.main.parent / name), (), most_bytes)
         if path in self._open:
             refuse(path, "the file includes or attaches itself; remove the reference")
         self.others[path] = None

@@ -32,7 +32,7 @@ def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:
     mass = bare.mass + sum(load.kg for load in payload)
     if mass < LEAST_KG:
         raise ScenarioError(f"mass_kg: only {mass:.0f} of {bare.mass:.0f} kg of the chassis remain; remove less mass")
-    found = _joined(bare, payload, mass)
+    found = _join_masses(bare, payload, mass)
     if not is_physical_inertia(found.inertia):
         principal = np.round(np.linalg.eigvalsh(found.inertia), 1).tolist()
         raise ScenarioError(
@@ -46,12 +46,12 @@ def _fitting_share(bare: Inertial, payload: tuple[PointMass, ...]) -> float:
     """Return the maximum fraction of a payload for which the body is physically possible [-], in steps of 0.01."""
     for share in (percent / 100 for percent in range(99, 0, -1)):
         some = tuple(load._replace(kg=share * load.kg) for load in payload)
-        if is_physical_inertia(_joined(bare, some, bare.mass + sum(load.kg for load in some)).inertia):
+        if is_physical_inertia(_join_masses(bare, some, bare.mass + sum(load.kg for load in some)).inertia):
             return share
     return 0.0
 
 
-def _joined(bare: Inertial, payload: tuple[PointMass, ...], mass: float) -> Inertial:
+def _join_masses(bare: Inertial, payload: tuple[PointMass, ...], mass: float) -> Inertial:
     """Return the mass properties of a body with its payload, without checks; `mass` is the total mass [kg]."""
     places = [np.array(load[1:]) for load in payload]
     moments = [load.kg * place for load, place in zip(payload, places, strict=True)]

@@ -27,10 +27,10 @@ from agrobot_mj.plants.mujoco.native_contact import NativeContacts
 from agrobot_mj.plants.mujoco.payload import Chassis
 from agrobot_mj.plants.mujoco.saving import INTEGRATION, MujocoState, step_results
 from agrobot_mj.plants.mujoco.settling import REST_M_S, RecentMotion, Settled, Tilt, drive_holds, pose_on, start_warning
-from agrobot_mj.plants.mujoco.stepping import Actuators, Assembly, Tyred, look, oil_of, reported, run_steps
+from agrobot_mj.plants.mujoco.stepping import Actuators, Assembly, Tyred, implement_values, look, oil_of, run_steps
 from agrobot_mj.plants.mujoco.views import CHASSIS, views_of
 from agrobot_mj.terrain import Ground
-from agrobot_mj.terrain.memory import AnyArray, RutMap, forget, restore, rut_map, saved
+from agrobot_mj.terrain.memory import AnyArray, RutMap, forget, restore, rut_map, save_memory
 from agrobot_mj.tyres.laws import with_soil_memory
 
 CLOCK = Clock()
@@ -87,7 +87,7 @@ class MujocoPlant(RunningPlant):
         self.clearance, self.clear = clearance_of(self.model), False
         self.option, self.rig = self.model.opt, self._rig()
         shown = self.tyred.report, *poses_of(self.data)
-        self._compile(shown, run_steps, look, *([reported] if self.has_implement else []))
+        self._compile(shown, run_steps, look, *([implement_values] if self.has_implement else []))
         self._look()
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
@@ -234,7 +234,7 @@ class MujocoPlant(RunningPlant):
             memories=copies(self._memories),
             conditions=self.conditions,
             ticks=self.ticks,
-            soil=saved(self.ground.memory),
+            soil=save_memory(self.ground.memory),
         )
 
     def restore(self, state: MujocoState) -> None:

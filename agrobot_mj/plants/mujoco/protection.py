@@ -69,7 +69,7 @@ class Protected:
     """
 
     def __init__(self, library: ctypes.CDLL, calls: Calls) -> None:
-        self._engine = _compiled(_text(calls))
+        self._engine = _compile_ir(_text(calls))
         self.addresses = {name: self._engine.get_function_address(f"agrobot_{name}") for name in calls}
         for name, address in self.addresses.items():
             llvm.add_symbol(f"agrobot_{name}", address)
@@ -106,7 +106,7 @@ def _thread_key() -> int:
     return key.value
 
 
-def _compiled(text: str) -> llvm.ExecutionEngine:
+def _compile_ir(text: str) -> llvm.ExecutionEngine:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     module = llvm.parse_assembly(text)

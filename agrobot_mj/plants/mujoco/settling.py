@@ -170,10 +170,10 @@ def _motion(found: Settled, machine: Machine, where: str, along: float) -> str:
         return f"{how}; increase plant.settle_limit_s or tractor.*_tyre_damping_n_s_m"
     turning = abs(found.truth.wheel_speed) > ROLLING * found.recent.drift
     rolls = _rolling(found, machine, where, along) if turning else ""
-    return rolls or _held(found.recent.drift, float(found.wheels[:, FRICTION_USE].max()), where)
+    return rolls or _reason_of_motion(found.recent.drift, float(found.wheels[:, FRICTION_USE].max()), where)
 
 
-def _held(drift: float, used: float, where: str) -> str:
+def _reason_of_motion(drift: float, used: float, where: str) -> str:
     """Return why a tractor with locked rear wheels moves at `drift` [m/s]; `used` is the used fraction of friction
     [-]."""
     how = "slides" if drift > SLIDING else "creeps"

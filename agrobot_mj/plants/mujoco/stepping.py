@@ -164,7 +164,7 @@ def take_up_play(v: Views, oil: Oil, cylinder: Array, dt: float) -> None:
 
 
 @kernel
-def driven(v: Views, oil: Oil) -> tuple[float, float]:
+def drive_motion(v: Views, oil: Oil) -> tuple[float, float]:
     """Return the angle [rad] and rate [rad/s] of the drive: torque-weighted means over the driven wheels."""
     wheel = 0.5 * (v.qpos[v.spins_q[0]] + v.qpos[v.spins_q[1]])
     speed = 0.5 * (v.qvel[v.spins_v[0]] + v.qvel[v.spins_v[1]])
@@ -176,9 +176,9 @@ def driven(v: Views, oil: Oil) -> tuple[float, float]:
 
 
 @kernel
-def drooped(v: Views, oil: Oil, rate: float) -> float:
+def droop_rate(v: Views, oil: Oil, rate: float) -> float:
     """Return the drive rate under load [rad/s]; engine droop decreases `rate` in proportion to the delivered power."""
-    power = min(max(v.torques[DRIVE] * driven(v, oil)[1] / oil.drive_power, 0.0), 1.0)
+    power = min(max(v.torques[DRIVE] * drive_motion(v, oil)[1] / oil.drive_power, 0.0), 1.0)
     return float(rate * (1.0 - oil.droop * power))
 
 
@@ -189,7 +189,7 @@ def open_relief_valves(v: Views, oil: Oil) -> None:
     if oil.steer_play <= 0.0:
         low, high = angle - oil.steer_windup, angle + oil.steer_windup
         v.act[STEERING] = min(max(v.act[STEERING], low, -oil.steer_limit), high, oil.steer_limit)
-    wheel, speed = driven(v, oil)
+    wheel, speed = drive_motion(v, oil)
     wheel += oil.drive_lead * speed
     powered = min(oil.drive_torque, oil.drive_power / max(abs(speed), 1e-3))
     ahead = (powered if speed >= 0.0 else oil.drive_torque) / oil.drive_stiffness
@@ -249,7 +249,7 @@ def run_steps(rig: Held[Assembly], voltages: tuple[float, float], first: int, cl
         v.ctrl[STEERING] = flow / oil.displacement
         v.ctrl[DRIVE] = drive_step(drive, drive_memory, voltages[1]) / oil.drive_radius
         if oil.droop > 0.0:
-            v.ctrl[DRIVE] = drooped(v, oil, v.ctrl[DRIVE])
+            v.ctrl[DRIVE] = droop_rate(v, oil, v.ctrl[DRIVE])
         if oil.steer_play > 0.0:
             take_up_play(v, oil, cylinder, drive.dt)
         open_relief_valves(v, oil)
@@ -282,7 +282,7 @@ def run_steps(rig: Held[Assembly], voltages: tuple[float, float], first: int, cl
 
 
 @kernel
-def reported(rig: Held[Assembly]) -> Report:
+def implement_values(rig: Held[Assembly]) -> Report:
     """Return the current values of the implement's log columns, in the order of `implement.COLUMNS`."""
     v, _, attached, _, _, _, _, _, _, _ = fetched(rig)
     return implement_report(v, attached)

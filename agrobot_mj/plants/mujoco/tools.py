@@ -20,7 +20,7 @@ from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array, Index
 from agrobot_mj.core.vectors import Vector, cross, minus, plus, to_world
 from agrobot_mj.machine.implements.base import DepthWheel
-from agrobot_mj.machine.implements.draught import ToolLaw, draught, engaged
+from agrobot_mj.machine.implements.draught import ToolLaw, depth_ratio, draught
 from agrobot_mj.plants.mujoco.loads import GIVE
 from agrobot_mj.plants.mujoco.views import CHASSIS, Views
 from agrobot_mj.terrain.grid import Ground, height_and_gradient
@@ -69,7 +69,7 @@ def unevenness(uneven: Array, step: float, travelled: float) -> float:
 
 
 @kernel
-def spread(z: float, before: float, now: float) -> float:
+def rescale(z: float, before: float, now: float) -> float:
     """Return the mean deflection of the soil [m] after its stiffness has changed from `before` to `now`.
 
     `z` is the deflection before the change [m]. Soil that is added has no deflection.
@@ -85,8 +85,8 @@ def soil_on_tool(law: ToolLaw, uneven: float, v_x: float, v_y: float, depth: flo
         return 0.0, 0.0, 0.0
     speed = abs(v_x)
     memory[TRAVELLED] += speed * dt
-    D, share = uneven * draught(law, speed, depth), engaged(law, depth)
-    ahead, left = spread(memory[AHEAD], memory[RESISTED], D), spread(memory[LEFT], memory[ENGAGED], share)
+    D, share = uneven * draught(law, speed, depth), depth_ratio(law, depth)
+    ahead, left = rescale(memory[AHEAD], memory[RESISTED], D), rescale(memory[LEFT], memory[ENGAGED], share)
     memory[RESISTED], memory[ENGAGED] = D, share
     memory[AHEAD] = min(max(relax(ahead, v_x, speed, GIVE, dt), -GIVE), GIVE)
     z, limit = relax(left, v_y, speed, law.relaxation, dt), 0.0

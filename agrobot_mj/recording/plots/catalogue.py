@@ -1,7 +1,7 @@
 """Catalogue of plots: log column, unit, label and colour of each line.
 
 A recording of a run contains `PLOTS` and `network.network_plots`; a comparison contains `COMPARED`. Plots whose columns
-are missing in the log are omitted. `derived` computes further quantities from the log.
+are missing in the log are omitted. `estimation_errors` computes further quantities from the log.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -30,7 +30,7 @@ class Series(NamedTuple):
     """Line of a plot: log column, label and style."""
 
     label: str
-    column: str  # Column of the log, or key in the result of `derived`
+    column: str  # Column of the log, or key in the result of `estimation_errors`
     colour: int  # Colour as 0xRRGGBBAA
     sign: float = 1.0
     wider: int = 0  # Number of steps by which the line is wider than normal
@@ -71,7 +71,7 @@ def _loop(path: str, title: str, unit: str, wanted: str, measured: str, true: st
     return Plot(path, title, unit, (reference, sensed, Series("true", true, TRUE)))
 
 
-def _estimated(name: str, title: str, unit: str) -> Plot:
+def _estimate_plot(name: str, title: str, unit: str) -> Plot:
     error = Series("error", f"error_{name}", MEASURED)
     bounds = Series("+3 sigma", f"bound_{name}", BOUND), Series("-3 sigma", f"bound_{name}", BOUND, -1.0)
     title = f"{title}: estimate minus truth, 3 sigma"
@@ -115,9 +115,9 @@ PLOTS = (
     _wheels("slip_ratio", "Slip ratio, driving +", "%", "slip_ratio"),
     _wheels("longitudinal_force", "Longitudinal force", "kN", "fx"),
     _wheels("lateral_force", "Lateral force", "kN", "fy"),
-    _estimated("east", "East", "cm"),
-    _estimated("north", "North", "cm"),
-    _estimated("yaw", "Yaw", "deg"),
+    _estimate_plot("east", "East", "cm"),
+    _estimate_plot("north", "North", "cm"),
+    _estimate_plot("yaw", "Yaw", "deg"),
     _single("estimator/speed", "Speed: estimate minus truth", "m/s", "error", "error_speed"),
     _single("estimator/nees", "NEES of the position (2 if consistent)", "-", "NEES", "position_nees"),
     _single("estimator/nis", "NIS of the position fixes (2 if consistent)", "-", "NIS", "position_nis"),
@@ -168,7 +168,7 @@ def _title(column: Column) -> str:
     return text[:1].upper() + text[1:]
 
 
-def derived(rows: Rows, first: int) -> dict[str, Array]:
+def estimation_errors(rows: Rows, first: int) -> dict[str, Array]:
     """Return the estimation errors and their 3 sigma bounds in the log rows from `first`, in SI units, by signal
     name."""
 

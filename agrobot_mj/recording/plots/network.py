@@ -26,7 +26,7 @@ from agrobot_mj.core.palette import (
 )
 from agrobot_mj.core.signals import Array
 from agrobot_mj.recording.plots.catalogue import NETWORK, Plot, Series
-from agrobot_mj.recording.transport.timeline import Index, Times, partitioned, send
+from agrobot_mj.recording.transport.timeline import Index, Times, data_column, send
 from agrobot_mj.simulation.log import Rows
 
 COLOURS = tuple(
@@ -74,7 +74,7 @@ def network_plots(columns: Sequence[str]) -> list[Plot]:
 
 def _sets(path: str, title: str, k: str, families: tuple[str, ...], columns: Sequence[str]) -> Plot:
     unit = INPUTS[k]
-    lines = _lines([_set(name) for start in families for name in family(start, columns)])
+    lines = _lines([_fuzzy_set_line(name) for start in families for name in family(start, columns)])
     widths = path.startswith("network/widths")
     return Plot(path, title, unit, lines, EVERY_TICKS, may_be_cut=widths, legend=not widths)
 
@@ -86,7 +86,7 @@ def _rule(column: str) -> Series:
     return Series(f"{i},{j}", column, COLOURS[j % len(COLOURS)], wider=i)
 
 
-def _set(column: str) -> Series:
+def _fuzzy_set_line(column: str) -> Series:
     """Return the plot line of a fuzzy-set parameter. Its colour identifies the set, and its width identifies the
     bound."""
     kind, _, number = column.rpartition("_")
@@ -144,10 +144,10 @@ class Firing:
                 self._send(stream, shown, times[chosen][there], values[there])
 
     def _send(self, stream: rr.RecordingStream, shown: Map, times: Times, values: Array) -> None:
-        send(stream, shown.entity, times, [partitioned(PICTURE, ImageBufferBatch(_buffers(values)))])
+        send(stream, shown.entity, times, [data_column(PICTURE, ImageBufferBatch(_buffers(values)))])
         if values.shape[1] <= MOST_LABELS:
             labels = TextBatch([f"{value:.2f}" for value in values.ravel().tolist()])
-            send(stream, f"{shown.entity}/values", times, [partitioned(LABELS, labels, values.shape[1])])
+            send(stream, f"{shown.entity}/values", times, [data_column(LABELS, labels, values.shape[1])])
 
     def _frame(self, stream: rr.RecordingStream, shown: Map) -> None:
         height, width = shown.sizes

@@ -15,8 +15,8 @@ from rerun.components import ScalarBatch
 from agrobot_mj.core.signals import TICK_S, Array
 from agrobot_mj.core.smoothing import moving_mean
 from agrobot_mj.recording.plots.axes import Frame, frame
-from agrobot_mj.recording.plots.catalogue import DRIVE, PLOTS, Plot, derived, shown_by
-from agrobot_mj.recording.transport.timeline import TIMELINE, Index, Times, nanoseconds, partitioned
+from agrobot_mj.recording.plots.catalogue import DRIVE, PLOTS, Plot, estimation_errors, shown_by
+from agrobot_mj.recording.transport.timeline import TIMELINE, Index, Times, data_column, nanoseconds
 from agrobot_mj.simulation.log import Rows
 
 SETTLED_S = 5.0  # Time after which axes include the bounds of the estimate [s]. The initial bounds are wide.
@@ -48,7 +48,7 @@ class Signals:
     def __init__(self, rows: Rows, more: Sequence[Plot] = (), without: Collection[str] = ()) -> None:
         """Select the catalogue plots and the plots `more` whose columns are logged; omit the columns `without`."""
         self.rows, self.shown = rows, list[Plot]()
-        known = {name: k for k, name in enumerate((*rows.columns, *derived(rows, 0)))}
+        known = {name: k for k, name in enumerate((*rows.columns, *estimation_errors(rows, 0)))}
         self.lines = [
             _Lines(
                 plot,
@@ -81,7 +81,7 @@ class Signals:
         """Send the moving means of noisy signals; return the axes of all plots with varying values, by plot path."""
         found, t, width = dict[str, Frame](), self.rows.column("t"), len(self.rows.columns)
         with np.errstate(over="ignore", invalid="ignore"):
-            further = list(derived(self.rows, 0).values())
+            further = list(estimation_errors(self.rows, 0).values())
         for plot, columns, factors in self.lines:
             if plot not in self.shown:
                 continue
@@ -103,11 +103,11 @@ class Signals:
     def _table(self, first: int) -> Array:
         values = self.rows.values[first : self.rows.filled]
         with np.errstate(over="ignore", invalid="ignore"):  # diverged runs may contain infinite values
-            return np.column_stack([values, *derived(self.rows, first).values()])
+            return np.column_stack([values, *estimation_errors(self.rows, first).values()])
 
 
 def _send(stream: rr.RecordingStream, entity: str, column: rr.TimeColumn, numbers: Array) -> None:
-    scalars = partitioned(SCALARS, ScalarBatch(numbers.ravel()), numbers.shape[1])
+    scalars = data_column(SCALARS, ScalarBatch(numbers.ravel()), numbers.shape[1])
     stream.send_columns(entity, [column], [scalars])
 
 

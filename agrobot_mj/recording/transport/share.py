@@ -20,7 +20,7 @@ from html import escape
 from pathlib import Path
 
 from agrobot_mj.recording.transport.mending import whole
-from agrobot_mj.recording.transport.viewer import RERUN, free_port, started
+from agrobot_mj.recording.transport.viewer import RERUN, free_port, start_viewer
 from agrobot_mj.simulation.results import write_text
 
 START_S = 60.0  # Time limit for the start of the viewer's server [s]
@@ -125,18 +125,18 @@ def viewer_files() -> Mapping[str, bytes]:
     ports = ("--port", str(free_port()), "--web-viewer-port", str(web))
     command = (*RERUN, "--web-viewer", "--bind", "127.0.0.1", *ports)
     environment = {**os.environ, "RUST_LOG": "error", "BROWSER": "true"}
-    with started(command, environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+    with start_viewer(command, environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         deadline = time.monotonic() + START_S
         while True:
             try:
-                return {name: _loaded(f"http://127.0.0.1:{web}/{name}") for name in (SCRIPT_NAME, MODULE_NAME)}
+                return {name: _download(f"http://127.0.0.1:{web}/{name}") for name in (SCRIPT_NAME, MODULE_NAME)}
             except OSError:
                 if process.poll() is not None or time.monotonic() > deadline:
                     raise OSError(errno.EIO, "the web viewer of rerun-sdk did not start", RERUN[0]) from None
             time.sleep(0.2)
 
 
-def _loaded(address: str) -> bytes:
+def _download(address: str) -> bytes:
     opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
     with opener.open(address, timeout=START_S) as response:
         found: bytes = response.read()

@@ -18,7 +18,7 @@ import rerun as rr
 
 from agrobot_mj.recording.transport.mending import ends_well
 from agrobot_mj.recording.transport.viewer import URL, open_viewer
-from agrobot_mj.simulation.results import claim, owned, remove
+from agrobot_mj.simulation.results import claim, owned_files, remove
 
 try:
     import resource
@@ -93,7 +93,7 @@ def _make(path: Path) -> None:
     """Create an empty file in place of a link or an earlier recording. Raise OSError if this fails, and `ScenarioError`
     if the folder contains files of other programs."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    if owned(path.parent) is not None or not any(path.parent.iterdir()):
+    if owned_files(path.parent) is not None or not any(path.parent.iterdir()):
         claim(path.parent, [path.name])
     if path.exists() and not path.is_file() and not path.is_symlink():  # opening a pipe would block
         raise OSError(errno.EINVAL, "is not a regular file; move it", str(path))
@@ -103,7 +103,7 @@ def _make(path: Path) -> None:
     path.open("xb").close()  # errors raised by Rerun are not OSError
 
 
-def enabled(stream: rr.RecordingStream, path: Path | None) -> bool:
+def is_enabled(stream: rr.RecordingStream, path: Path | None) -> bool:
     """Return whether Rerun is enabled; the environment variable `RERUN` can disable Rerun.
 
     If Rerun is disabled, print one message to stderr and delete an earlier recording at `path`.

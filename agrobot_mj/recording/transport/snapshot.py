@@ -25,7 +25,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import ROUNDING_S, TICK_S, Array
 from agrobot_mj.recording.transport.mending import whole
 from agrobot_mj.recording.transport.timeline import TIMELINE
-from agrobot_mj.recording.transport.viewer import RERUN, end, free_port, started
+from agrobot_mj.recording.transport.viewer import RERUN, end, free_port, start_viewer
 from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.results import atomic, check_names
 
@@ -77,7 +77,7 @@ def snapshots(
         for patience in range(1, TRIES + 1):
             try:
                 with _viewer(file, patience, size) as viewer:
-                    layout = _opened(viewer, file, readable, patience)
+                    layout = _open_recording(viewer, file, readable, patience)
                     _draw(viewer, file, layout, times, folder, tabs, drawn, kind, quiet)
                 return list(drawn)
             except _LateError as error:
@@ -131,7 +131,7 @@ def _draw(
 
 
 def _picture(viewer: ViewerClient, t: float, view: str | None, advance: Callable[[], None]) -> bytes:
-    shown = _encoded([_frame(viewer, t, view)], "PNG")
+    shown = _encode_frames([_frame(viewer, t, view)], "PNG")
     advance()
     return shown
 
@@ -148,7 +148,7 @@ def _animation(
     if kind == "mp4":
         return as_mp4(frames)
     palette = common_palette(frames)
-    return _encoded([frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames], "GIF")
+    return _encode_frames([frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames], "GIF")
 
 
 def as_mp4(frames: Sequence[Image.Image]) -> bytes:
@@ -158,7 +158,7 @@ def as_mp4(frames: Sequence[Image.Image]) -> bytes:
         file = Path(place) / "video.mp4"
         command = ("ffmpeg", "-loglevel", "error", "-f", "image2pipe", "-framerate", str(FRAMES_PER_S), "-i", "-")
         encoding = ("-vf", even, "-c:v", "libx264", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(file))
-        images = b"".join(_encoded([frame], "PNG") for frame in frames)
+        images = b"".join(_encode_frames([frame], "PNG") for frame in frames)
         done = subprocess.run((*command, *encoding), input=images, capture_output=True, check=False)
         if done.returncode or not file.is_file():
             raise SnapshotError(f"--mp4: ffmpeg failed: {done.stderr.decode(errors='replace').strip()[-300:]}")
@@ -198,13 +198,13 @@ def _frame(viewer: ViewerClient, t: float, view: str | None, settle_s: float = S
         return shown.convert("RGB").crop((0, 0 if view else TITLE_BAR, shown.width, shown.height))
 
 
-def _encoded(frames: Sequence[Image.Image], kind: str) -> bytes:
+def _encode_frames(frames: Sequence[Image.Image], kind: str) -> bytes:
     content, first = io.BytesIO(), frames[0]
     first.save(content, kind, save_all=len(frames) > 1, append_images=frames[1:], duration=1000 // FRAMES_PER_S, loop=0)
     return content.getvalue()
 
 
-def _opened(viewer: ViewerClient, file: Path, readable: Path, patience: int) -> dict[str, Any]:
+def _open_recording(viewer: ViewerClient, file: Path, readable: Path, patience: int) -> dict[str, Any]:
     deadline = time.monotonic() + patience * LOAD_S
     if not viewer.open(str(readable.resolve())).store_ids:
         raise SnapshotError(f"{file}: the viewer cannot open the file; specify a recording (.rrd)")
@@ -241,9 +241,9 @@ def _viewer(file: Path, patience: int, size: tuple[int, int]) -> Iterator[Viewer
     command = [*RERUN, "--headless", "--window-size", f"{size[0]}x{size[1] + TITLE_BAR}"]
     command += ["--bind", "127.0.0.1", "--port", str(port), "--hide-welcome-screen"]
     environment = {**os.environ, "RUST_LOG": "error"}  # log messages would cover the image
-    with started(command, environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
+    with start_viewer(command, environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
         try:
-            yield _connected(process, port, patience * START_S)
+            yield _connect_viewer(process, port, patience * START_S)
         except (RuntimeError, ConnectionError, TimeoutError) as error:
             if _lacks_driver(process):
                 raise SnapshotError(
@@ -252,7 +252,7 @@ def _viewer(file: Path, patience: int, size: tuple[int, int]) -> Iterator[Viewer
             raise _LateError(str(error)) from None
 
 
-def _connected(process: "subprocess.Popen[bytes]", port: int, seconds: float) -> ViewerClient:
+def _connect_viewer(process: "subprocess.Popen[bytes]", port: int, seconds: float) -> ViewerClient:
     deadline = time.monotonic() + seconds
     while process.poll() is None and time.monotonic() < deadline:
         try:

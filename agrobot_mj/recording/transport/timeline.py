@@ -23,7 +23,7 @@ def send(stream: rr.RecordingStream, entity: str, times: Times, columns: Iterabl
     stream.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=times)], columns)
 
 
-def partitioned(descriptor: rr.ComponentDescriptor, batch: rr.ComponentBatchLike, size: int = 1) -> rr.ComponentColumn:
+def data_column(descriptor: rr.ComponentDescriptor, batch: rr.ComponentBatchLike, size: int = 1) -> rr.ComponentColumn:
     """Return a data column with `size` values of a Rerun component at each time.
 
     The method `columns` of a Rerun archetype returns the same column, but takes four times as long.

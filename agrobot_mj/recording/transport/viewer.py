@@ -16,7 +16,7 @@ from urllib.parse import quote
 from agrobot_mj.core.interrupts import held_back
 
 
-def _launched() -> tuple[str, ...]:
+def _launch_command() -> tuple[str, ...]:
     """Return the command that starts Rerun. On Linux the command starts the binary directly, so that the system can end
     the binary together with its parent."""
     spec = find_spec("rerun_cli")
@@ -26,7 +26,7 @@ def _launched() -> tuple[str, ...]:
     return (sys.executable, "-m", "rerun_cli")
 
 
-RERUN = _launched()
+RERUN = _launch_command()
 PORT = 9876
 URL = f"rerun+http://127.0.0.1:{PORT}/proxy"
 COMMAND = (*(*RERUN, "--bind", "127.0.0.1", "--port", str(PORT)), *("--hide-welcome-screen", "--expect-data-soon"))
@@ -47,12 +47,12 @@ def serve(file: Path) -> int:
     print(f"http://127.0.0.1:{web}?url={data}&theme=dark (press Ctrl-C to end)", flush=True)
     ports = ("--port", str(port), "--web-viewer-port", str(web))
     command = (*RERUN, "--web-viewer", "--bind", "127.0.0.1", *ports, str(file))
-    with started(command, {**os.environ, "RUST_LOG": "error"}) as process:
+    with start_viewer(command, {**os.environ, "RUST_LOG": "error"}) as process:
         return process.wait()
 
 
 @contextmanager
-def started(
+def start_viewer(
     command: Sequence[str], environment: Mapping[str, str], stdout: int | None = None, stderr: int | None = None
 ) -> Iterator["subprocess.Popen[bytes]"]:
     """Start a viewer in a separate process session. The viewer ends at the end of the context or of this process."""

@@ -94,7 +94,7 @@ def slopes(ground: Ground, x: Array, y: Array, reach: float) -> tuple[Array, Arr
 def ground_mesh(ground: Ground, path: Array) -> rr.Mesh3D:
     """Return the ground mesh around the points `path` (n, 2) [m]."""
     field = _field(ground, path)
-    fine, steps = _divided(ground, field, path)
+    fine, steps = _tiles_to_divide(ground, field, path)
     corners = _corners(ground, field, fine)
     tilts = np.gradient(corners, field.height, field.width)
     parts = [_coarse(field, fine, corners, tilts)]
@@ -110,7 +110,7 @@ def ground_mesh(ground: Ground, path: Array) -> rr.Mesh3D:
         vertex_positions=positions.astype(np.float32),
         triangle_indices=triangles.astype(np.uint32),
         vertex_normals=None if ground.is_plane else np.concatenate([part.normals for part in parts]),
-        vertex_colors=_painted(ground, parts, level),
+        vertex_colors=_vertex_colours(ground, parts, level),
     )
 
 
@@ -142,7 +142,7 @@ def _field(ground: Ground, path: Array) -> _Field:
     return _Field(x0, y0, (x1 - x0) / columns, (y1 - y0) / rows, columns, rows)
 
 
-def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Mask, Steps]:
+def _tiles_to_divide(ground: Ground, field: _Field, path: Array) -> tuple[Mask, Steps]:
     """Return a mask (rows, columns) of the tiles to subdivide, and the number of segments of these tiles in x and y."""
     if ground.is_plane and not ground.surface.friction.size:
         return np.zeros((field.rows, field.columns), dtype=bool), (1, 1)
@@ -154,7 +154,7 @@ def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Mask, Steps]:
     away = cKDTree(path).query(middles)[0]
     side = max(field.width, field.height)
     if ground.is_plane:
-        wanted, finest = _bordered(ground.surface, field, tiles), max(BORDER_M, ground.surface.spacing)
+        wanted, finest = _border_tiles(ground.surface, field, tiles), max(BORDER_M, ground.surface.spacing)
     else:
         wanted, finest = away < DIVIDED_M, max(FINEST_M, ground.spacing)
     near = wanted & (away < CORRIDOR_M + side)
@@ -185,7 +185,7 @@ def _straight(ground: Ground, field: _Field, tiles: Index, most: int) -> tuple[b
     return bool(np.abs(z - along_x).max() < SMOOTH_M), bool(np.abs(z - along_y).max() < SMOOTH_M)
 
 
-def _bordered(surface: Surface, field: _Field, tiles: Index) -> Mask:
+def _border_tiles(surface: Surface, field: _Field, tiles: Index) -> Mask:
     """Return a mask (n,) of the `tiles` (n, 2) that contain several soil types, including a margin for blending
     colours."""
     friction, cone_index = properties(surface, *field.points(tiles, (9, 9), BLEND_M))
@@ -294,12 +294,12 @@ def properties(surface: Surface, x: Array, y: Array) -> tuple[Array, Array]:
     return friction, cone_index
 
 
-def _painted(ground: Ground, parts: Sequence[_Part], level: Array) -> Array:
+def _vertex_colours(ground: Ground, parts: Sequence[_Part], level: Array) -> Array:
     """Return the vertex colours (n, 3), uint8. The colour ramp spans the range of the heights `level` [m]."""
     positions, shade = np.concatenate([part.positions for part in parts]), np.concatenate([p.shade for p in parts])
     colours = by_height(positions[:, 2], float(level.min()), float(level.max()))
     if ground.surface.friction.size:
-        colours = _blended(ground.surface, colours, positions)
+        colours = _blend_colours(ground.surface, colours, positions)
     normals = np.concatenate([part.normals for part in parts])
     lit = np.clip(normals @ SUN / SUN[2], DARKEST, BRIGHTEST)
     dark, light = SHADES
@@ -308,7 +308,7 @@ def _painted(ground: Ground, parts: Sequence[_Part], level: Array) -> Array:
     return found
 
 
-def _blended(surface: Surface, colours: Array, positions: Array) -> Array:
+def _blend_colours(surface: Surface, colours: Array, positions: Array) -> Array:
     """Return `colours` (n, 3) blended with the mean soil colours within `BLEND_M` of the `positions` (n, 3) [m]."""
     offsets = BLEND_M * np.array([-0.75, -0.25, 0.25, 0.75])
     x, y = positions[:, 0], positions[:, 1]

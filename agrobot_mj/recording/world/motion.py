@@ -10,7 +10,7 @@ from rerun.components import FillMode, RotationQuatBatch, Translation3DBatch
 from agrobot_mj.core.signals import WHEELS, Array
 from agrobot_mj.plants.mujoco.clearance import quat_of
 from agrobot_mj.plants.scene import Scene
-from agrobot_mj.recording.transport.timeline import Times, partitioned, send
+from agrobot_mj.recording.transport.timeline import Times, data_column, send
 from agrobot_mj.recording.world.events import Events
 from agrobot_mj.recording.world.ground import on_ground, slopes
 from agrobot_mj.recording.world.names import TrackNames
@@ -46,7 +46,7 @@ class Belief:
             return
         centres = on_ground(self.ground, np.column_stack([x, y])[there], LIFT_M)
         axes, frames = ellipses(*(v[there] for v in p))
-        tilted = _laid(frames, *slopes(self.ground, x[there], y[there], REACH_M))
+        tilted = _rotations_to_ground(frames, *slopes(self.ground, x[there], y[there], REACH_M))
         quaternions = np.array([quat_of(rotation) for rotation in tilted])
         shapes = rr.Ellipsoids3D.columns(
             centers=centres.astype(np.float32),
@@ -63,7 +63,7 @@ def ellipses(p_xx: Array, p_xy: Array, p_yy: Array) -> tuple[Array, Array]:
     return np.sqrt(np.maximum(variances, 0.0)), directions[:, :, 0]
 
 
-def _laid(axis: Array, dx: Array, dy: Array) -> Array:
+def _rotations_to_ground(axis: Array, dx: Array, dy: Array) -> Array:
     """Return rotation matrices (n, 3, 3) that align a plane with the ground, whose slopes are `dx`, `dy` (n,) [-]. Seen
     from above, the first axis of the plane has the direction `axis` (n, 2)."""
     first = np.column_stack([axis, axis[:, 0] * dx + axis[:, 1] * dy])
@@ -101,8 +101,8 @@ class BodyMotion:
         for i, body in enumerate(self.scene.bodies):
             pose = self.rows.poses[first : first + len(times), i]
             columns = (
-                partitioned(PLACE, Translation3DBatch(pose[:, :3])),
-                partitioned(ATTITUDE, RotationQuatBatch(pose[:, [4, 5, 6, 3]])),
+                data_column(PLACE, Translation3DBatch(pose[:, :3])),
+                data_column(ATTITUDE, RotationQuatBatch(pose[:, [4, 5, 6, 3]])),
             )
             send(stream, f"world/bodies/{body}", times, columns)
         for part in self.parts:

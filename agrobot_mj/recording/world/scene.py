@@ -67,7 +67,7 @@ def shapes(geoms: Sequence[Geom]) -> dict[str, rr.AsComponents]:
     return found | {f"meshes/{k}": _surface(geom, geom.mesh) for k, geom in enumerate(meshes) if geom.mesh is not None}
 
 
-def followed(scene: Scene) -> str:
+def camera_target(scene: Scene) -> str:
     """Return the entity that the camera follows, relative to `world/bodies`: the first shape of the first body with
     geoms."""
     return next(

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple, Protocol
 import tomli_w
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.identity import Identity, code, differing, digest, file_digest, joined
+from agrobot_mj.core.identity import Identity, code, differing, digest, file_digest, joint_digest
 from agrobot_mj.core.interrupts import held_back
 from agrobot_mj.core.resources import library_file, machine_files
 from agrobot_mj.core.version import __version__
@@ -130,7 +130,7 @@ class RowFiles:
         files = [*base.files, *(file for each in held.values() for file in each.files)]
         name = digest(json.dumps(said, sort_keys=True, default=str).encode(), digits=NAME_DIGITS)
         driven = {key: next(iter(each.driven.values())) for key, each in held.items()}
-        return task._replace(base=text, overrides=driven, identity=Identity(name, joined(files), *code()))
+        return task._replace(base=text, overrides=driven, identity=Identity(name, joint_digest(files), *code()))
 
     def _held_base(self, base: str) -> tuple[Held, str]:
         held = self.inputs.held(json.loads(base))

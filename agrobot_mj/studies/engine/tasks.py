@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.errors import ScenarioError, installed
+from agrobot_mj.core.errors import ScenarioError, is_installed
 from agrobot_mj.core.identity import Identity, code_text, differing
 from agrobot_mj.core.interrupts import raised_by_handler
 from agrobot_mj.core.version import __version__
@@ -80,7 +80,7 @@ def perform(task: Task) -> Done:
         base = _base(task.base, task.name)
         scenario = base.changed(task.overrides) if task.overrides else base
         identity = str(scenario.identity)
-        return _driven(task, scenario)
+        return _run_task(task, scenario)
     except Exception as error:
         full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
         if full or raised_by_handler(error):
@@ -100,7 +100,7 @@ def _base(text: str, name: str) -> Scenario:
     return resolve(json.loads(text), name)
 
 
-def _driven(task: Task, scenario: Scenario) -> Done:
+def _run_task(task: Task, scenario: Scenario) -> Done:
     if task.keep in ("table", "failures"):
         log = run(scenario, branches=task.branches)
         if task.keep == "table" or log.as_expected:
@@ -111,7 +111,7 @@ def _driven(task: Task, scenario: Scenario) -> Done:
         log = (
             run(scenario, branches=task.branches)
             if task.keep == "signals" or not can_record()
-            else _recorded(scenario, folder, task.branches)
+            else _run_with_recording(scenario, folder, task.branches)
         )
         write_log(log, folder)
         if task.keep == "poses":
@@ -120,7 +120,7 @@ def _driven(task: Task, scenario: Scenario) -> Done:
         return Done(_numbers(log, task), {file.name: file.read_bytes() for file in kept})
 
 
-def _recorded(scenario: Scenario, folder: Path, branches: tuple[Branch, ...] | None) -> Log:
+def _run_with_recording(scenario: Scenario, folder: Path, branches: tuple[Branch, ...] | None) -> Log:
     from agrobot_mj.recording import Recording
 
     return run(scenario, (Recording(folder / "run.rrd"),), branches=branches)
@@ -148,5 +148,5 @@ def files_kept(keep: str, expected: bool) -> tuple[str, ...]:
     """
     if keep == "table" or (keep == "failures" and expected):
         return ()
-    recorded = (RECORDING,) if keep != "signals" and installed("rerun") else ()
+    recorded = (RECORDING,) if keep != "signals" and is_installed("rerun") else ()
     return LAST, *recorded, *((POSES,) if keep == "poses" else ())

@@ -20,7 +20,7 @@ from tempfile import TemporaryDirectory
 from threading import Thread
 from typing import TYPE_CHECKING, TypeVar
 
-from agrobot_mj.core.errors import ScenarioError, required
+from agrobot_mj.core.errors import ScenarioError, import_extra
 from agrobot_mj.core.identity import code_text, differing
 from agrobot_mj.core.interrupts import deferring, held_back
 from agrobot_mj.core.kernel_cache import CACHE
@@ -113,7 +113,7 @@ class Pool:
             _stop(executor, at_once)
 
 
-def spread(function: Callable[[Work], Result], todo: Iterable[Work], workers: int) -> Iterator[tuple[Work, Result]]:
+def pool_map(function: Callable[[Work], Result], todo: Iterable[Work], workers: int) -> Iterator[tuple[Work, Result]]:
     """Yield each work item with its result, computed by a temporary pool of worker processes as in `Pool.spread`."""
     with Pool(workers) as pool:
         yield from pool.spread(function, todo)
@@ -231,7 +231,7 @@ def dask_cluster(address: str) -> Iterator[Callable[[Iterable[Task]], Iterator[t
 
 
 def _client(address: str) -> "Client":
-    distributed = required("distributed", "cluster", "--scheduler")
+    distributed = import_extra("distributed", "cluster", "--scheduler")
     try:
         return distributed.Client(address, timeout=PATIENCE_S, set_as_default=False)
     except (OSError, ValueError, TypeError, RuntimeError) as error:

@@ -16,7 +16,7 @@ from agrobot_mj.metrics import unit_of
 from agrobot_mj.metrics.success import failures
 from agrobot_mj.simulation.diagnosis import attribution
 from agrobot_mj.studies.pages.document import COLOURS, Chart, Document, layout
-from agrobot_mj.studies.pages.ranking import CENTIMETRES, Group, add_ranking, ranked
+from agrobot_mj.studies.pages.ranking import CENTIMETRES, Group, add_ranking, rank_groups
 from agrobot_mj.studies.results_io import code_of
 
 MOST_POINTS = 2500
@@ -38,7 +38,7 @@ def read_signals(folder: Path) -> Signals:
     return {name: np.asarray(table[name].to_numpy(), dtype=float) for name in table.column_names}
 
 
-def thinned(*columns: Array, most: int = MOST_POINTS) -> list[Array]:
+def thin_rows(*columns: Array, most: int = MOST_POINTS) -> list[Array]:
     """Return about `most` rows of columns of shape (n,).
 
     The minimum and maximum of each column in each block of rows are kept, so that spikes remain visible. A block
@@ -64,7 +64,7 @@ def thinned(*columns: Array, most: int = MOST_POINTS) -> list[Array]:
 def line(x: Array, y: Array, name: str, colour: str, **more: Any) -> Chart:
     """Return the curve of `y` over `x`, both (n,), as plain chart data with about `MOST_POINTS` points or fewer."""
     style = {"color": colour, "width": more.pop("width", 1.5), "dash": more.pop("dash", "solid")}
-    x, y = thinned(x, y)
+    x, y = thin_rows(x, y)
     return {"type": "scatter", "mode": "lines", "x": x.tolist(), "y": y.tolist(), "name": name, "line": style, **more}
 
 
@@ -93,7 +93,7 @@ def enlargement(tractors: Iterable[Signals]) -> int:
     return max((k * 10**n for n in range(3) for k in (1, 2, 5) if k * 10**n <= most), default=1)
 
 
-def enlarged(s: Signals, times: int) -> tuple[Array, Array]:
+def enlarge(s: Signals, times: int) -> tuple[Array, Array]:
     """Return x and y (n,) [m] of the track with cross-track errors magnified by the factor `times`."""
     left, off = across(s)
     x, y = np.stack([s["x"], s["y"]]) + (times - 1) * off * left.T
@@ -107,7 +107,7 @@ def map_of(runs: Mapping[str, Signals]) -> tuple[str, Chart]:
     for k, (name, s) in enumerate(runs.items()):
         parts = {name: ("solid", s), f"{name}: implement": ("dash", implement_of(s))}
         colour = COLOURS[k % len(COLOURS)]
-        data += [line(*enlarged(own, times), part, colour, dash=dash) for part, (dash, own) in parts.items() if own]
+        data += [line(*enlarge(own, times), part, colour, dash=dash) for part, (dash, own) in parts.items() if own]
     own = layout(f"east [m]{magnification_text(times)}", "north [m]", yaxis={"scaleanchor": "x"})
     chart = {"data": data, "layout": own}
     return f"Map{magnification_text(times)}", chart
@@ -194,7 +194,7 @@ def comparison_page(folder: Path) -> Document:
     _add_rankings(page, places)
     for plant in dict.fromkeys(row["plant"] for row in rows):
         first = [row for row in rows if (row["plant"], row["seed"]) == (plant, seeds[0])]
-        chosen = [(_marked(row), folder / row["folder"]) for row in first]
+        chosen = [(_law_label(row), folder / row["folder"]) for row in first]
         runs = {name: read_signals(place) for name, place in chosen if (place / "signals.parquet").exists()}
         if runs:
             page.section(f"On the plant {plant}", f"Runs of seed {seeds[0]}.")
@@ -213,20 +213,20 @@ def _add_rankings(page: Document, places: Mapping[str, Rows]) -> None:
     pieces = dict.fromkeys(rows[0].get("piece") for rows in places.values())
     laws = list(dict.fromkeys(_law(row) for rows in places.values() for row in rows))
     for number, piece in enumerate(pieces, 1):
-        groups = ranked(Group(name, rows) for name, rows in places.items() if rows[0].get("piece") == piece)
+        groups = rank_groups(Group(name, rows) for name, rows in places.items() if rows[0].get("piece") == piece)
         colours = [COLOURS[laws.index(_law(group.rows[0])) % len(COLOURS)] for group in groups]
         title, text = (f"Ranking on segment {number} of the path", APART) if len(pieces) > 1 else ("Ranking", "")
         add_ranking(page, groups, title, text, colours)
 
 
-def _marked(row: Mapping[str, Any]) -> str:
+def _law_label(row: Mapping[str, Any]) -> str:
     text = failures([row])
     return f"{_law(row)} (failed {text})" if text else _law(row)
 
 
 def thumbnail(signals: Signals, times: int = 1) -> str:
     """Return a small SVG image of the path and the track, with cross-track errors magnified by the factor `times`."""
-    x, y, track = signals["x_ref"], signals["y_ref"], enlarged(signals, times)
+    x, y, track = signals["x_ref"], signals["y_ref"], enlarge(signals, times)
     points = np.concatenate([np.stack([x, y], 1), np.stack(track, 1)])
     points = points[np.isfinite(points).all(axis=1)]
     low, high = points.min(axis=0), points.max(axis=0)
@@ -234,7 +234,7 @@ def thumbnail(signals: Signals, times: int = 1) -> str:
     scale, (width, height) = 200 / size, (high - low) * 200 / size
 
     def trace(xs: Array, ys: Array, colour: str, stroke: float) -> str:
-        xs, ys = thinned(xs, ys, most=400)
+        xs, ys = thin_rows(xs, ys, most=400)
         pairs = zip((xs - low[0]) * scale, (high[1] - ys) * scale, strict=True)
         text = " ".join(f"{a:.1f},{b:.1f}" for a, b in pairs if np.isfinite(a) and np.isfinite(b))
         return f'<polyline points="{escape(text)}" fill="none" stroke="{colour}" stroke-width="{stroke}"/>'

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.cbook import boxplot_stats
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.metrics.success import error_of, failures, succeeded
+from agrobot_mj.metrics.success import error_of, failures, is_success
 from agrobot_mj.studies.error_parts import ESTIMATOR, GUIDANCE, mean_nees, remarks
 from agrobot_mj.studies.pages.document import CATEGORIES, Chart, Document, layout
 from agrobot_mj.studies.statistics import wilson_interval
@@ -37,12 +37,12 @@ class Group(NamedTuple):
     @property
     def rate(self) -> float:
         """Success rate of the group of runs: fraction of the runs that ended as expected [-]."""
-        return sum(map(succeeded, self.rows)) / len(self.rows)
+        return sum(map(is_success, self.rows)) / len(self.rows)
 
     @property
     def interval(self) -> tuple[float, float]:
         """Confidence interval of the success rate [-] at the confidence level `CONFIDENCE`."""
-        return wilson_interval(sum(map(succeeded, self.rows)), len(self.rows), CONFIDENCE)
+        return wilson_interval(sum(map(is_success, self.rows)), len(self.rows), CONFIDENCE)
 
     @property
     def values(self) -> Array:
@@ -55,7 +55,7 @@ def centimetres(rows: Iterable[Row]) -> Array:
     return np.array([CENTIMETRES * error for row in rows if (error := error_of(row, METRIC)) is not None])
 
 
-def ranked(groups: Iterable[Group]) -> list[Group]:
+def rank_groups(groups: Iterable[Group]) -> list[Group]:
     """Return the groups of runs in ranking order, best group first."""
     return sorted(groups, key=lambda group: (-group.rate, np.median(group.values) if len(group.values) else np.inf))
 

@@ -12,14 +12,14 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.resources import folder_absence, installed
+from agrobot_mj.core.resources import entry_points_of, folder_absence
 from agrobot_mj.metrics.success import error_of
 from agrobot_mj.scenario.plugins import with_plugin_options
 from agrobot_mj.simulation.results import check_folder
 from agrobot_mj.studies.pages.document import COLOURS, Document
 from agrobot_mj.studies.pages.drive import comparison_page, run_page
 from agrobot_mj.studies.pages.ranking import CONFIDENCE, LABEL, METRIC, Group
-from agrobot_mj.studies.pages.sweep import grouped, median_curve, sweep_page
+from agrobot_mj.studies.pages.sweep import group_runs, median_curve, sweep_page
 from agrobot_mj.studies.results_io import reporting_damage
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 from agrobot_mj.studies.sweep.schema import read_sweep
@@ -45,7 +45,7 @@ class Reports(NamedTuple):
 
 def sweep_figures(folder: Path) -> list[Path]:
     """Draw `ranking.png` and, if the sweep has numeric parameters, `curves.png`. Return the written files."""
-    groups, numeric = grouped(read_rows(folder))
+    groups, numeric = group_runs(read_rows(folder))
     drawn = read_sweep(folder / "sweep.toml").file.draws
     with mpl.rc_context(STYLE):
         saved = [save(ranking(groups), folder / "ranking.png")]
@@ -106,7 +106,7 @@ def known_reports() -> tuple[dict[str, Page | str], dict[str, list[Section]]]:
     """
     pages: dict[str, Page | str] = {"comparison.json": comparison_page, "sweep.parquet": sweep_page}
     sections = dict[str, list[Section]]()
-    for entry in installed("reports"):
+    for entry in entry_points_of("reports"):
         reports: Reports = entry.load()
         pages |= reports.pages
         for name, section in reports.sections.items():

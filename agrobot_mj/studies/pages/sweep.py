@@ -15,17 +15,26 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from agrobot_mj.metrics.success import error_of, succeeded
+from agrobot_mj.metrics.success import error_of, is_success
 from agrobot_mj.scenario.plugins import plugin_options
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.run import run
 from agrobot_mj.studies.pages.document import COLOURS, Chart, Document, error_bars, layout
 from agrobot_mj.studies.pages.drive import Signals, enlargement, magnification_text, read_signals, thumbnail
-from agrobot_mj.studies.pages.ranking import CENTIMETRES, LABEL, METRIC, Group, Row, add_ranking, centimetres, ranked
+from agrobot_mj.studies.pages.ranking import (
+    CENTIMETRES,
+    LABEL,
+    METRIC,
+    Group,
+    Row,
+    add_ranking,
+    centimetres,
+    rank_groups,
+)
 from agrobot_mj.studies.pieces import pieces
 from agrobot_mj.studies.results_io import code_of
 from agrobot_mj.studies.sweep.plan import SweepPlan
-from agrobot_mj.studies.sweep.schema import read_sweep, renamed
+from agrobot_mj.studies.sweep.schema import read_sweep, rename_files
 from agrobot_mj.studies.sweep.store import read_rows
 
 SUCCESS = 0.8  # Success rate at the drawn boundary of failure in maps [-]
@@ -42,7 +51,7 @@ def sweep_page(folder: Path) -> Document:
     """Return the report page of a sweep's results folder."""
     rows = read_rows(folder)
     again = RerunCommand(folder)
-    sweep, (groups, numeric) = again.plan.sweep, grouped(rows)
+    sweep, (groups, numeric) = again.plan.sweep, group_runs(rows)
     seeds, versions = sorted({row["seed"] for row in rows}), sorted({row["version"] for row in rows})
     about = [
         f"{len(rows):,} runs",
@@ -63,7 +72,7 @@ def sweep_page(folder: Path) -> Document:
     return page
 
 
-def grouped(rows: Sequence[Row]) -> tuple[list[Group], list[str]]:
+def group_runs(rows: Sequence[Row]) -> tuple[list[Group], list[str]]:
     """Return the groups of runs, best group first, and the names of the numeric parameters."""
     names = list(rows[0])  # parameter columns are between seed and outcome
     varied = [name for name in names[names.index("seed") + 1 : names.index("outcome")] if _differs(rows, name)]
@@ -73,7 +82,7 @@ def grouped(rows: Sequence[Row]) -> tuple[list[Group], list[str]]:
     for row in rows:
         parts = [row["variant"]] if row.get("variant") else []
         found.setdefault(", ".join([*parts, *(str(row[word]) for word in words)]) or "all runs", []).append(row)
-    return ranked(Group(name, members) for name, members in found.items()), numeric
+    return rank_groups(Group(name, members) for name, members in found.items()), numeric
 
 
 def _differs(rows: Sequence[Row], name: str) -> bool:
@@ -90,7 +99,7 @@ class RerunCommand:
         """Return the overrides of the base scenario for the run in a table row; data files have names instead of
         paths."""
         overrides = self.plan.run(row["run"]).overrides
-        return {key: renamed(key, value, self.plan.file_names) for key, value in overrides.items()}
+        return {key: rename_files(key, value, self.plan.file_names) for key, value in overrides.items()}
 
     def __call__(self, row: Row) -> str:
         """Return the command that repeats the run in a table row and records it."""
@@ -162,7 +171,7 @@ def heat_map(group: Group, x: str, y: str, scale: tuple[float, float], again: Re
     for row in group.rows:
         cells.setdefault((row[x], row[y]), []).append(row)
     medians = [[float(np.median(v)) if len(v := centimetres(cells[a, b])) else None for a in xs] for b in ys]
-    rates = [[sum(map(succeeded, cells[a, b])) / len(cells[a, b]) for a in xs] for b in ys]
+    rates = [[sum(map(is_success, cells[a, b])) / len(cells[a, b]) for a in xs] for b in ys]
     worst = [[again(max(cells[a, b], key=_badness)) for a in xs] for b in ys]
     bar = {"title": {"text": "cm"}, "thickness": 12}
     data: list[Chart] = [
@@ -183,7 +192,7 @@ def heat_map(group: Group, x: str, y: str, scale: tuple[float, float], again: Re
 
 def _badness(row: Row) -> tuple[bool, float]:
     value = error_of(row, METRIC)
-    return not succeeded(row), np.inf if value is None else value
+    return not is_success(row), np.inf if value is None else value
 
 
 def _add_curves(page: Document, groups: Sequence[Group], numeric: Sequence[str], again: RerunCommand) -> None:
@@ -202,10 +211,10 @@ def curves(groups: Sequence[Group], parameter: str, again: RerunCommand, drawn: 
     top = max((float(g.values.max()) for g in groups if len(g.values)), default=1.0)
     for k, group in enumerate(groups):
         colour = COLOURS[k % len(COLOURS)]
-        rows = [row for row in _extremes(group.rows, share) if error_of(row, METRIC) is not None or not succeeded(row)]
+        rows = [row for row in _extremes(group.rows, share) if error_of(row, METRIC) is not None or not is_success(row)]
         errors = [error_of(row, METRIC) for row in rows]
         heights = [1.1 * top if error is None else CENTIMETRES * error for error in errors]
-        symbols = ["circle" if succeeded(row) else "x" for row in rows]
+        symbols = ["circle" if is_success(row) else "x" for row in rows]
         data.append(
             {"type": "scatter", "mode": "markers", "x": [r[parameter] for r in rows], "y": heights, "name": group.name,
              "legendgroup": group.name, "customdata": [again(r) for r in rows], "showlegend": False,

@@ -35,7 +35,7 @@ def _positive(pair: tuple[Number, Number]) -> tuple[Number, Number]:
     return pair
 
 
-def _spread(pair: tuple[Number, Number]) -> tuple[Number, Number]:
+def _check_deviation(pair: tuple[Number, Number]) -> tuple[Number, Number]:
     if pair[1] <= 0:
         raise ValueError(f"the second number, the standard deviation, must be above 0, got {pair[1]}")
     return pair
@@ -188,7 +188,7 @@ class LogUniform(Draw):
 class Normal(Draw):
     """Normal distribution, optionally truncated to the range `within`."""
 
-    normal: Annotated[Pair, AfterValidator(_spread)]
+    normal: Annotated[Pair, AfterValidator(_check_deviation)]
     """Mean and standard deviation of the distribution."""
     within: Limits | None = None
     """Minimum and maximum of the truncated distribution. Default: no truncation."""

@@ -45,7 +45,9 @@ class RunPlan(NamedTuple):
     def place(self) -> str:
         """Variant and parameter values of the run, as text for messages."""
         parts = [] if self.variant is None else [f"variant {self.variant!r}"]
-        return ", ".join([*parts, *(f"{key}={_shown(value)}" for key, value in self.parameters.items())]) or "every run"
+        return (
+            ", ".join([*parts, *(f"{key}={_text_of(value)}" for key, value in self.parameters.items())]) or "every run"
+        )
 
 
 class SweepPlan:
@@ -269,5 +271,5 @@ def _points(method: str, n: int, dimensions: int, seed: int) -> Array:
     return np.clip(points, 1e-12, 1.0 - 1e-12)
 
 
-def _shown(value: Any) -> str:
+def _text_of(value: Any) -> str:
     return json.dumps(value) if isinstance(value, dict | list | tuple | bool) else str(value)

@@ -13,7 +13,7 @@ from agrobot_mj.simulation.results import check_folder, results
 from agrobot_mj.studies.engine import performing
 from agrobot_mj.studies.sweep.plan import MAX_RUNS, SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep
-from agrobot_mj.studies.sweep.store import TABLE, Store, begun, merge
+from agrobot_mj.studies.sweep.store import TABLE, Store, merge, read_plan
 
 MAX_EXAMPLES = 100
 """Maximum number of example scenarios that are checked for configuration hints, at equal intervals of the plan."""
@@ -92,7 +92,7 @@ def drive(store: Store, options: SweepOptions, begin: Begin = lambda some: None)
     return SweepSummary(store.folder, plan.total, before, len(part) - before, unexpected, errors)
 
 
-def merged(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
+def merge_results(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
     """Merge the results of separately simulated parts of a sweep into `folder`. Return the numbers of rows and of
     planned runs."""
     if not sources:
@@ -106,7 +106,7 @@ def _prepare(store: Store, options: SweepOptions, part: range) -> None:
     plan."""
     folder, plan, whole = store.folder, store.plan, options.shard == (1, 1)
     check_folder(folder, store.names)
-    if options.fresh or begun(folder) is None or store.changed:
+    if options.fresh or read_plan(folder) is None or store.changed:
         title = f"{plan.sweep.name}: checking {plan.combinations:,} combinations"
         with tally(title, plan.checks, quiet=options.quiet) as advance:
             plan.check(advance)

@@ -234,7 +234,7 @@ def _as_table(file: SweepFile) -> dict[str, Any]:
     return {**data, "axes": {}, "draws": {key: draw.written for key, draw in file.draws.items()}}
 
 
-def resolved(sweep: Sweep) -> dict[str, Any]:
+def resolve_sweep(sweep: Sweep) -> dict[str, Any]:
     """Return the content of a sweep file for use with `base.toml`, which already contains the overrides `set`."""
     axes = {key: axis.written for key, axis in sweep.file.axes.items()}
     known = {"base": BASE, "set": {}, "seeds": list(sweep.seeds), "axes": axes, "version": __version__}
@@ -268,7 +268,7 @@ def _lines(source: str, error: ValidationError) -> list[str]:
 class PortableSweep(NamedTuple):
     """Contents of `sweep.toml` and `base.toml`, and the data files used in them."""
 
-    sweep: dict[str, Any]  # Content of the sweep file, as returned by `resolved`
+    sweep: dict[str, Any]  # Content of the sweep file, as returned by `resolve_sweep`
     base: dict[str, Any]
     files: dict[str, Path]  # Original paths of the data files, by file name in the folder
 
@@ -280,17 +280,17 @@ class PortableSweep(NamedTuple):
 
 def portable(sweep: Sweep) -> PortableSweep:
     """Return a sweep with names of data files in place of paths. Files of the package keep their names."""
-    content, base, tables = resolved(sweep), explicit_values(sweep.base), list[dict[str, Any]]()
+    content, base, tables = resolve_sweep(sweep), explicit_values(sweep.base), list[dict[str, Any]]()
     changed_values(content, lambda key, value: tables.append({last(key): deepcopy(value)}))
     files = relocate_files([base, *tables])
     names = {str(path): name for name, path in files.items()}
-    return PortableSweep(changed_values(content, lambda key, value: renamed(key, value, names)), base, files)
+    return PortableSweep(changed_values(content, lambda key, value: rename_files(key, value, names)), base, files)
 
 
-def renamed(key: str, value: Any, names: Mapping[str, str]) -> Any:
+def rename_files(key: str, value: Any, names: Mapping[str, str]) -> Any:
     """Return the value of a dotted key with paths of data files replaced by names."""
     if isinstance(value, str):
         return names.get(value, value) if last(key) in FILE_KEYS else value
     if isinstance(value, Mapping):
-        return {inner: renamed(inner, each, names) for inner, each in value.items()}
-    return [renamed("", each, names) for each in value] if isinstance(value, list | tuple) else value
+        return {inner: rename_files(inner, each, names) for inner, each in value.items()}
+    return [rename_files("", each, names) for each in value] if isinstance(value, list | tuple) else value

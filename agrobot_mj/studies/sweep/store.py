@@ -20,16 +20,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import tomli_w
 
-from agrobot_mj.core.errors import ScenarioError, shortened
+from agrobot_mj.core.errors import ScenarioError, shorten
 from agrobot_mj.core.identity import code, digest
 from agrobot_mj.scenario.overrides import explicit_values, files
 from agrobot_mj.scenario.plugins import plugin_note, with_plugin_options
-from agrobot_mj.simulation.results import MARK, atomic, claim, is_bare, owned, remove, results, write_json
+from agrobot_mj.simulation.results import MARK, atomic, claim, is_bare, owned_files, remove, results, write_json
 from agrobot_mj.simulation.storage import RECORDING, SET
 from agrobot_mj.studies.engine.resume import FOLDERS, ROWS, RowFiles
 from agrobot_mj.studies.engine.tasks import LAST, POSES, Row, Task, files_kept
 from agrobot_mj.studies.sweep.plan import RUNS, SweepPlan
-from agrobot_mj.studies.sweep.schema import portable, read_sweep, renamed
+from agrobot_mj.studies.sweep.schema import portable, read_sweep, rename_files
 
 TABLE, PLAN = "sweep.parquet", "plan.json"
 FILES = ("base.toml", "sweep.toml", PLAN)  # Names of the files that define a sweep, in addition to its data files
@@ -53,7 +53,7 @@ def digests(plan: SweepPlan) -> dict[str, str]:
     }
 
 
-def begun(folder: Path) -> dict[str, Any] | None:
+def read_plan(folder: Path) -> dict[str, Any] | None:
     """Return the content of `plan.json` in a results folder, or None if the file does not exist."""
     try:
         content = json.loads((folder / PLAN).read_text("utf-8"))
@@ -81,7 +81,7 @@ class Store(RowFiles):
     @property
     def changed(self) -> bool:
         """Whether the results folder belongs to another plan, or to no plan."""
-        there = (begun(self.folder) or {}).get("of", {})
+        there = (read_plan(self.folder) or {}).get("of", {})
         return any(there.get(part) != digest for part, digest in digests(self.plan).items())
 
     def begin(self) -> None:
@@ -133,7 +133,7 @@ class Store(RowFiles):
         place = self.file(task, LAST).parent
         if not contents and not place.exists():
             return
-        if place.is_dir() and place.parent.name == RUNS and owned(place) is None:
+        if place.is_dir() and place.parent.name == RUNS and owned_files(place) is None:
             (place / MARK).touch()  # earlier versions did not mark the folders of runs
         with results(place, contents.keys() - {POSES}):
             remove(place, (*SET, RECORDING))
@@ -162,7 +162,7 @@ class Store(RowFiles):
     def line(self, number: int, row: Row) -> dict[str, Any]:
         """Return a row of the results table: run number, variant, seed, parameters, and results."""
         run, plan = self.plan.run(number), self.plan
-        named = {key: renamed(key, value, plan.file_names) for key, value in run.parameters.items()}
+        named = {key: rename_files(key, value, plan.file_names) for key, value in run.parameters.items()}
         shown = {key: json.dumps(value) if key in plan.mixed else value for key, value in named.items()}
         variant = {} if run.variant is None else {"variant": run.variant}
         numbers = {key: value for key, value in row.items() if key != "real_time_factor"}
@@ -181,7 +181,7 @@ class Store(RowFiles):
             if (odd := _odd_value([self.line(*each) for each in self.rows()])) is None:
                 raise
             number, name, value = odd
-            what = f"{name}: {shortened(repr(value))} has a different type than in the other rows"
+            what = f"{name}: {shorten(repr(value))} has a different type than in the other rows"
             fix = "delete the file, also in the folder that it was merged from, and run the same command again"
             file = self.row_file(self.asked(self.plan.task(number)))
             raise ScenarioError(f"{file}: {what}; {fix}") from error
@@ -211,7 +211,7 @@ def read_rows(folder: Path) -> list[dict[str, Any]]:
 
 def merge(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
     """Merge the rows of several results folders of a sweep. Return the numbers of rows and of planned runs."""
-    target = begun(folder)
+    target = read_plan(folder)
     named = (*_common(sources, target).get("files", ()), *FILES)
     if target is None and (lost := [name for name in named if not _is_file(sources[0] / name)]):
         raise ScenarioError(f"{sources[0] / lost[0]}: is missing; run the sweep again in this folder")
@@ -235,7 +235,7 @@ def _plan_in(folder: Path) -> SweepPlan:
 
 
 def _common(sources: Sequence[Path], target: dict[str, Any] | None) -> dict[str, Any]:
-    plans = {source: begun(source) for source in sources}
+    plans = {source: read_plan(source) for source in sources}
     for source, plan in plans.items():
         if plan is None:
             raise ScenarioError(

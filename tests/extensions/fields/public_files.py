@@ -19,7 +19,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.resources import stamped
+from agrobot_mj.core.resources import stamp_of
 from agrobot_mj.extensions.fields.reading import read_field
 from agrobot_mj.paths.waypoints import MAX_BYTES, track
 
@@ -59,7 +59,7 @@ def found(file: Path, kind: str) -> tuple[tuple[float, ...], bool]:
         boundary = read_field(file).boundary
         west, south, east, north = boundary.bounds
         return (east - west, north - south, boundary.area / 1e4), False
-    points, notes = track(stamped(str(file), (), MAX_BYTES), "", False)
+    points, notes = track(stamp_of(str(file), (), MAX_BYTES), "", False)
     points, thinned = points[:, :2], any("reduced from" in note for note in notes)
     return (*np.ptp(points, axis=0).tolist(), float(np.hypot(*np.diff(points, axis=0).T).sum())), thinned
 

@@ -8,7 +8,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agrobot_mj.extensions.fields.boom import Boom, ImplementMotion, swept, switched, worked
+from agrobot_mj.extensions.fields.boom import Boom, ImplementMotion, swept_area, switching_times, worked_area
 from agrobot_mj.extensions.fields.coverage import areas, coverage, excursion, gaps, side_of
 from agrobot_mj.extensions.fields.report import _areas
 
@@ -26,7 +26,7 @@ def straight(y, first=0.0, last=LENGTH):
 def strip(y, width=WIDTH):
     """Return the ground covered by a complete pass."""
     motion = straight(y)
-    return swept(motion.between(0.0, LENGTH / SPEED), width / 2, -width / 2)
+    return swept_area(motion.between(0.0, LENGTH / SPEED), width / 2, -width / 2)
 
 
 @given(st.lists(st.floats(-0.4, 0.4), min_size=2, max_size=6))
@@ -56,21 +56,21 @@ def test_implement_moved_along_a_circle_covers_the_area_of_a_ring():
     angle = np.linspace(0.0, 1.5 * pi, 400)
     radius = 12.0
     motion = ImplementMotion(angle, radius * np.cos(angle), radius * np.sin(angle), angle + pi / 2, radius * angle)
-    ring = swept(motion.between(0.0, 1.5 * pi), 3.0, -3.0)
+    ring = swept_area(motion.between(0.0, 1.5 * pi), 3.0, -3.0)
     assert ring.area == pytest.approx(0.75 * pi * (15.0**2 - 9.0**2), rel=1e-3)
 
 
 def test_area_covered_in_two_laps_of_a_circle_counts_once():
     angle = np.linspace(0.0, 2.5 * pi, 800)
     motion = ImplementMotion(angle, 12 * np.cos(angle), 12 * np.sin(angle), angle + pi / 2, 12 * angle)
-    ring = swept(motion.between(0.0, 2.5 * pi), 3.0, -3.0)
+    ring = swept_area(motion.between(0.0, 2.5 * pi), 3.0, -3.0)
     assert ring.area == pytest.approx(pi * (15.0**2 - 9.0**2), rel=1e-3)
 
 
 def test_area_swept_backwards_by_an_implement_end_in_a_turn_is_covered():
     angle = np.linspace(0.0, pi, 400)
     motion = ImplementMotion(angle, np.cos(angle), np.sin(angle), angle + pi / 2, angle)
-    half = swept(motion.between(0.0, pi), 3.0, -3.0)
+    half = swept_area(motion.between(0.0, pi), 3.0, -3.0)
     assert half.area == pytest.approx(pi * 4**2 / 2 + pi * 2**2 / 2, rel=5e-3)
 
 
@@ -81,28 +81,28 @@ def test_area_swept_backwards_by_an_implement_end_in_a_turn_is_covered():
 def test_section_switching_delays_shift_the_ends_of_the_covered_area(on_delay, off_delay, on_ahead, off_ahead, length):
     boom = Boom(WIDTH, 1, on_delay, off_delay, on_ahead, off_ahead)
     motion = straight(0.0)
-    times = switched(motion, (20.0, 70.0), slice(0, None), boom)
-    assert worked(motion, [times], boom).area == pytest.approx(length * WIDTH, rel=1e-3)
+    times = switching_times(motion, (20.0, 70.0), slice(0, None), boom)
+    assert worked_area(motion, [times], boom).area == pytest.approx(length * WIDTH, rel=1e-3)
 
 
 def test_each_implement_section_covers_its_own_part_of_the_swath():
     boom, motion = Boom(WIDTH, 3, 0.25, 0.1), straight(0.0)
     spans = [(10.0, 60.0), (20.0, 60.0), (20.0, 80.0)]
-    times = [switched(motion, span, slice(0, None), boom) for span in spans]
-    ground = worked(motion, times, boom)
+    times = [switching_times(motion, span, slice(0, None), boom) for span in spans]
+    ground = worked_area(motion, times, boom)
     assert ground.area == pytest.approx(2.0 * sum(b - a - 0.15 * SPEED for a, b in spans), rel=1e-3)
     assert shapely.box(10.5, 1.0, 60.0, 3.0).within(ground.buffer(1e-6))
 
 
 def test_section_without_a_working_interval_covers_no_area():
-    assert switched(straight(0.0), (30.0, 30.0), slice(0, None), Boom(WIDTH)) is None
+    assert switching_times(straight(0.0), (30.0, 30.0), slice(0, None), Boom(WIDTH)) is None
 
 
 def test_track_noise_does_not_change_the_covered_area():
     rng = np.random.default_rng(1)
     motion = straight(0.0)
     noisy = motion._replace(y=motion.y + np.cumsum(rng.normal(0, 0.002, motion.x.size)))
-    assert swept(noisy.between(0.0, 50.0), 3.0, -3.0).area == pytest.approx(LENGTH * WIDTH, rel=1e-3)
+    assert swept_area(noisy.between(0.0, 50.0), 3.0, -3.0).area == pytest.approx(LENGTH * WIDTH, rel=1e-3)
 
 
 def test_missed_areas_are_reported_with_their_location_in_the_field():

@@ -10,7 +10,7 @@ from shapely import Polygon
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.geometry import wrap
-from agrobot_mj.core.resources import stamped
+from agrobot_mj.core.resources import stamp_of
 from agrobot_mj.extensions.fields.coverage import areas
 from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.extensions.fields.plan import MAX_BYTES, plan_of, to_json
@@ -202,7 +202,7 @@ def test_plan_is_unchanged_by_writing_and_reading_its_file(tmp_path):
     plan = default_plan(RECTANGLE)
     file = tmp_path / "plan.json"
     file.write_text(json.dumps(to_json(plan)))
-    assert plan_of(stamped(str(file), (), MAX_BYTES)) == plan
+    assert plan_of(stamp_of(str(file), (), MAX_BYTES)) == plan
     path = FieldPlan(file=str(file), speed_m_s=2.0)
     path.check()
     assert path.motion.distances[-1] == pytest.approx(plan.length)

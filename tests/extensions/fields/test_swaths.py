@@ -10,8 +10,8 @@ from shapely import Polygon
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.extensions.fields.planner.contours import contour_frame
-from agrobot_mj.extensions.fields.planner.laps import CORNER_M, DEVIATION, begun, lap, offset, rings, smoothed
-from agrobot_mj.extensions.fields.planner.swaths import SwathFrame, best_pattern, ordered, pattern
+from agrobot_mj.extensions.fields.planner.laps import CORNER_M, DEVIATION, lap, offset, rings, smooth_ring, start_at
+from agrobot_mj.extensions.fields.planner.swaths import SwathFrame, best_pattern, pattern, swath_order
 from agrobot_mj.terrain import Slope
 
 
@@ -57,7 +57,7 @@ def test_each_section_is_switched_where_it_crosses_the_boundary():
 
 @pytest.mark.parametrize(("count", "across"), [(7, 3), (12, 2), (20, 3), (5, 1), (4, 3)])
 def test_each_swath_is_driven_once(count, across):
-    order = ordered(count, "skip", across)
+    order = swath_order(count, "skip", across)
     assert sorted(order) == list(range(count))
     if across > 1 and count >= 2 * across + 1:
         assert min(abs(np.diff(order))) >= across
@@ -75,7 +75,7 @@ def test_headland_laps_follow_the_boundary_and_surround_holes():
 def test_headland_lap_stays_within_the_maximum_machine_curvature(field):
     rig = machine()
     for ring in rings(field.boundary, 2, rig.width):
-        course = begun(lap(smoothed(ring, rig), rig), 10.0)
+        course = start_at(lap(smooth_ring(ring, rig), rig), 10.0)
         assert course.peaks.max() <= rig.max_curvature
         x, y, _ = course.joints()
         assert np.hypot(x[-1] - x[0], y[-1] - y[0]) < 1e-6
@@ -85,7 +85,7 @@ def test_headland_laps_of_a_round_field_are_drivable():
     rig = machine()
     circle = shapely.Point(0, 0).buffer(30.0, quad_segs=40)
     ring = rings(circle, 1, 3.0)[0]
-    course = lap(smoothed(ring, rig), rig)
+    course = lap(smooth_ring(ring, rig), rig)
     assert course.lengths.sum() == pytest.approx(2 * pi * 28.5, rel=0.01)
     assert offset(circle, 3.0).area == pytest.approx(pi * 27**2, rel=0.01)
 
@@ -113,7 +113,7 @@ RECORDED = {
 def test_headland_laps_with_many_short_sides_need_no_crawling(shape, noise):
     rig, outer = machine(), Polygon(recorded(RECORDED[shape].exterior, np.random.default_rng(3), noise))
     for ring in rings(outer, 3, rig.spacing):
-        course = lap(smoothed(ring, rig), rig)
+        course = lap(smooth_ring(ring, rig), rig)
         times = course.lengths / np.minimum(course.speeds, rig.path.speed_m_s)
         assert times[course.speeds < rig.path.speed_m_s / 2].sum() < 0.02 * times.sum()
         assert course.peaks.max() <= rig.max_curvature
@@ -123,7 +123,7 @@ def test_headland_laps_with_many_short_sides_need_no_crawling(shape, noise):
 def test_rounded_lap_deviates_little_from_the_offset_line(shape):
     rig, outer = machine(), Polygon(recorded(RECORDED[shape].exterior, np.random.default_rng(4), 0.03))
     ring, reach = rings(outer, 1, rig.spacing)[0], rig.path.turn_radius_m
-    x, y, _ = lap(smoothed(ring, rig), rig).divided().joints()
+    x, y, _ = lap(smooth_ring(ring, rig), rig).divided().joints()
     points, turned = shapely.points(x, y), Polygon(ring.points).buffer(-reach).buffer(reach)
     away = shapely.distance(points, turned.exterior) * shapely.contains(turned, points)
     assert away.max() < DEVIATION * rig.width + CORNER_M
@@ -134,7 +134,7 @@ def test_lap_around_a_recorded_obstacle_keeps_clearance_without_crawling():
     rig, rng = machine(), np.random.default_rng(5)
     hole = recorded(shapely.Point(60, 40).buffer(7.0, quad_segs=32).exterior, rng, 0.03)
     ring = rings(Polygon(BOX.exterior.coords, [hole]), 1, rig.spacing)[1]
-    course = lap(smoothed(ring, rig), rig)
+    course = lap(smooth_ring(ring, rig), rig)
     x, y, _ = course.divided().joints()
     assert ring.hole == 0
     assert course.speeds.min() > rig.path.speed_m_s / 2

@@ -12,7 +12,7 @@ from look_ahead import Direct
 from processes import free_ports
 
 from agrobot_mj.core.agopengps.messages import Hello, Scan, ScanReply, SteerData
-from agrobot_mj.core.agopengps.position import read
+from agrobot_mj.core.agopengps.position import decode_position
 from agrobot_mj.core.agopengps.traffic import Datagram
 from agrobot_mj.core.agopengps.wire import decode, encode
 from agrobot_mj.core.errors import ScenarioError
@@ -153,7 +153,7 @@ def test_board_address_is_that_of_the_interface_towards_the_host():
 
 
 def headings(channel):
-    return [found.attitude.yaw for _, data in channel.heard if (found := read(data)) and found.dual]
+    return [found.attitude.yaw for _, data in channel.heard if (found := decode_position(data)) and found.dual]
 
 
 class Listening(Direct):

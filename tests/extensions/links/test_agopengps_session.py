@@ -20,7 +20,7 @@ from agrobot_mj import run
 from agrobot_mj.cli import app
 from agrobot_mj.cli.runs import variants
 from agrobot_mj.core.agopengps.messages import SteerData
-from agrobot_mj.core.agopengps.position import read
+from agrobot_mj.core.agopengps.position import decode_position
 from agrobot_mj.core.agopengps.wire import decode, encode
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S
@@ -102,11 +102,11 @@ def test_no_position_is_sent_to_the_host_without_a_gnss_solution():
 def test_imu_data_are_sent_together_with_the_position():
     keys = {"sensors__imu__enabled": True, "sensors__gyro__enabled": True, "guidance__position": "panda"}
     with_unit = run_link(scenario(duration_s=1.0, **keys), Direct(guide()), LinkOptions())
-    position = read(with_unit.session.traffic.kept[0].data)
+    position = decode_position(with_unit.session.traffic.kept[0].data)
     assert position.attitude.yaw == pytest.approx(0.0, abs=radians(1))
     assert not isnan(position.attitude.roll)
     without = run_link(scenario(duration_s=1.0, guidance__position="panda"), Direct(guide()), LinkOptions())
-    attitude = read(without.session.traffic.kept[0].data).attitude
+    attitude = decode_position(without.session.traffic.kept[0].data).attitude
     assert isnan(attitude.yaw)
     assert attitude.roll == 0.0
 

@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from agrobot_mj import load_scenario, run
-from agrobot_mj.core.errors import ScenarioError, required
+from agrobot_mj.core.errors import ScenarioError, import_extra
 from agrobot_mj.extensions.links.ros2.bag import export_run, write_mcap
 from agrobot_mj.extensions.links.ros2.content import EPOCH_NS
 from agrobot_mj.extensions.links.ros2.definitions import RECORDED
@@ -141,7 +141,7 @@ def test_error_for_a_missing_extra_gives_the_install_command(log, tmp_path, monk
     assert list(tmp_path.iterdir()) == []
     monkeypatch.setitem(sys.modules, "rclpy", None)
     with pytest.raises(ScenarioError, match=r'ros2 needs rclpy; pip install "agrobot-mj\[ros\]"'):
-        required("rclpy", "ros", "ros2")
+        import_extra("rclpy", "ros", "ros2")
 
 
 @pytest.mark.parametrize(

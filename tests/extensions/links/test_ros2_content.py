@@ -8,7 +8,7 @@ import pytest
 from agrobot_mj import Simulation, load_scenario
 from agrobot_mj.core.geodesy import to_local
 from agrobot_mj.core.signals import TICK_S
-from agrobot_mj.extensions.links.ros2.bag import recorded
+from agrobot_mj.extensions.links.ros2.bag import messages_of
 from agrobot_mj.extensions.links.ros2.content import (
     EPOCH_NS,
     fix,
@@ -56,7 +56,9 @@ FRAMES = ("/tf", "/tf_static")  # Topics of a file that no node sends
 
 def test_messages_from_a_log_equal_the_live_messages(drive):
     live, log = drive
-    kept = [(topic, content) for topic, _, content in recorded(log.scenario, log.signals, 0.0) if topic not in FRAMES]
+    kept = [
+        (topic, content) for topic, _, content in messages_of(log.scenario, log.signals, 0.0) if topic not in FRAMES
+    ]
     sent = [("/path", path(log.scenario)), *(message for _, each in live for message in each)]
     assert [topic for topic, _ in kept] == [topic for topic, _ in sent]
     assert all(same(a, b) for (_, a), (_, b) in zip(kept, sent, strict=True))
@@ -151,7 +153,7 @@ def test_path_message_contains_the_reference_points():
 
 def test_message_definitions_are_complete_and_match_the_published_fields(drive):
     live, log = drive
-    for topic, _, content in recorded(log.scenario, log.signals, 0.0):
+    for topic, _, content in messages_of(log.scenario, log.signals, 0.0):
         check(RECORDED[topic], content)
     assert full_name("nav_msgs/Path") == "nav_msgs/msg/Path"
     text = full_definition("nav_msgs/Path")

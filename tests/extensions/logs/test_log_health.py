@@ -9,7 +9,7 @@ from field_logs import WHEELBASE_M, field_log, field_map, path, recorded
 from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.health import health_lines
 from agrobot_mj.extensions.logs.replay.result import replay
-from agrobot_mj.extensions.logs.steering import RoughSteering, SteeringCentre, moved, standard_error
+from agrobot_mj.extensions.logs.steering import RoughSteering, SteeringCentre, centres_differ, standard_error
 from agrobot_mj.extensions.logs.words import doubts
 from agrobot_mj.scenario.loading import load_scenario
 
@@ -89,7 +89,7 @@ def test_scatter_of_the_steering_centre_is_not_reported_as_a_movement():
 @pytest.mark.parametrize(("error", "expected"), [(0.5, True), (4.0, False), (standard_error([432.0]), False)])
 def test_change_of_centre_below_three_standard_errors_is_not_reported(error, expected):
     line = RoughSteering(centre=432.0, scale=np.radians(SCALE), age=0.0, explained=1.0)
-    assert moved([SteeringCentre(432.0, error), SteeringCentre(452.0, error)], line) == expected
+    assert centres_differ([SteeringCentre(432.0, error), SteeringCentre(452.0, error)], line) == expected
 
 
 def test_steering_centre_that_moves_between_two_logs_is_reported():

@@ -9,7 +9,7 @@ from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.checks import check_columns
 from agrobot_mj.extensions.logs.direction import LEAST_LEG_M, by_course
 from agrobot_mj.extensions.logs.maps import LogMap
-from agrobot_mj.extensions.logs.pieces import pieces, split
+from agrobot_mj.extensions.logs.pieces import pieces, split_at
 from agrobot_mj.extensions.logs.recording import read_recording
 from agrobot_mj.extensions.logs.series import TimeSeries, turned_headings
 
@@ -88,7 +88,7 @@ def test_recordings_of_several_logs_are_split_at_a_fraction_of_their_time():
     recordings = [read(columns, log_map)] * 2
     kept = pieces(recordings, 5.0, 65.0).kept
     assert [each.end - each.start for each in kept] == pytest.approx([60.0, 60.0], abs=0.1)
-    first, second = split(kept, 0.75)
+    first, second = split_at(kept, 0.75)
     assert [each.end - each.start for each in first] == pytest.approx([60.0, 30.0], abs=0.1)
     assert [each.end - each.start for each in second] == pytest.approx([30.0], abs=0.1)
 

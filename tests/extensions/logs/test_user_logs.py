@@ -9,7 +9,7 @@ from field_logs import WHEELBASE_M, field_log, field_map, path, recorded
 from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.calibrate import calibrate
 from agrobot_mj.extensions.logs.checks import check_columns
-from agrobot_mj.extensions.logs.direction import directed
+from agrobot_mj.extensions.logs.direction import with_direction
 from agrobot_mj.extensions.logs.pieces import bursts, pieces
 from agrobot_mj.extensions.logs.series import scatter
 from agrobot_mj.scenario.loading import load_scenario
@@ -39,7 +39,7 @@ def test_noisy_positions_do_not_reverse_the_direction_of_travel(speed, noise_m, 
     driven = path(speed=speed, swing_deg=swing_deg)
     recording = recorded(field_log(driven, every=10, noise_m=noise_m, heading=False))
     assert scatter(recording.position.value) == pytest.approx(noise_m, rel=0.2)
-    found = directed(recording)
+    found = with_direction(recording)
     assert found.reverse_m == 0.0
     assert found.recording.speed.value.min() > 0
 
@@ -56,7 +56,7 @@ def test_rejection_names_inaccurate_positions_without_heading_as_reason():
 @pytest.mark.parametrize("noise_m", [0.01, 0.1])
 def test_long_reverse_section_is_detected_from_noisy_positions(noise_m):
     driven = path(reverse=[(20.0, 32.0)])
-    found = directed(recorded(field_log(driven, every=10, noise_m=noise_m, heading=False)))
+    found = with_direction(recorded(field_log(driven, every=10, noise_m=noise_m, heading=False)))
     t, value = found.recording.speed
     wrong = np.sign(value) != np.sign(np.interp(t, driven[0], driven[1]))
     assert np.mean(wrong[np.abs(value) > 0.5]) < 0.01
@@ -71,14 +71,14 @@ def test_steering_corrects_travel_direction_after_position_jumps():
         lag = np.interp(t, [start, start + 1.0, start + 2.5], [0.0, 4.0, 0.0], left=0, right=0)
         columns["east"] -= lag * np.cos(yaw)
         columns["north"] -= lag * np.sin(yaw)
-    found = directed(recorded(columns))
+    found = with_direction(recorded(columns))
     assert found.reverse_m == 0.0
 
 
 def test_speed_mapped_as_a_signed_value_keeps_its_sign():
     columns = field_log(path(reverse=[(20.0, 32.0)]), heading=False)
-    assert directed(recorded(columns)).reverse_m > 10
-    assert directed(recorded(columns, speed={"signed": True})).reverse_m == 0.0
+    assert with_direction(recorded(columns)).reverse_m > 10
+    assert with_direction(recorded(columns, speed={"signed": True})).reverse_m == 0.0
     assert pieces([recorded(columns, speed={"signed": True})]).signed
 
 

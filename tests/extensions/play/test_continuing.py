@@ -4,7 +4,7 @@ import pytest
 
 from agrobot_mj import Simulation
 from agrobot_mj.core.errors import CommandError
-from agrobot_mj.extensions.play.continuing import continued
+from agrobot_mj.extensions.play.continuing import continue_run
 from agrobot_mj.simulation.run import run
 
 SCENARIO = {"plant.kind": "bicycle", "duration_s": 6.0}
@@ -36,7 +36,7 @@ def to_the_end(sim):
 
 def test_faults_added_during_a_run_act_as_if_known_from_the_start(sim):
     scenario = with_faults(sim, JUMP, FLOAT)
-    assert to_the_end(continued(sim.save(), scenario)).equals(run(scenario).signals)
+    assert to_the_end(continue_run(sim.save(), scenario)).equals(run(scenario).signals)
 
 
 def test_run_with_the_contact_tyre_continues_without_a_warning(recwarn):
@@ -46,25 +46,25 @@ def test_run_with_the_contact_tyre_continues_without_a_warning(recwarn):
     sim.step()
     scenario = sim.scenario.changed({"fault": [{**JUMP, "start_s": 0.3}]})
     recwarn.clear()
-    assert to_the_end(continued(sim.save(), scenario)).equals(run(scenario).signals)
+    assert to_the_end(continue_run(sim.save(), scenario)).equals(run(scenario).signals)
     assert not [each for each in recwarn if each.category is RuntimeWarning]
 
 
 def test_active_fault_may_end_earlier_or_later(sim):
     for end in (2.05, 3.0, 5.0):
         scenario = with_faults(sim, end_s=end)
-        assert to_the_end(continued(sim.save(), scenario)).equals(run(scenario).signals)
+        assert to_the_end(continue_run(sim.save(), scenario)).equals(run(scenario).signals)
 
 
 def test_future_fault_may_be_removed_or_replaced(sim):
-    planned = continued(sim.save(), with_faults(sim, {**JUMP, "start_s": 5.0}))
+    planned = continue_run(sim.save(), with_faults(sim, {**JUMP, "start_s": 5.0}))
     scenario = with_faults(sim, FLOAT)
-    assert to_the_end(continued(planned.save(), scenario)).equals(run(scenario).signals)
+    assert to_the_end(continue_run(planned.save(), scenario)).equals(run(scenario).signals)
 
 
 def test_duration_of_a_continued_run_may_be_reduced(sim):
     scenario = sim.scenario.changed({"duration_s": 3.0})
-    signals = to_the_end(continued(sim.save(), scenario))
+    signals = to_the_end(continue_run(sim.save(), scenario))
     assert signals.num_rows == 60
     assert signals.equals(run(scenario).signals)
 
@@ -81,11 +81,11 @@ def test_duration_of_a_continued_run_may_be_reduced(sim):
 )
 def test_change_of_faults_before_the_present_tick_is_rejected(sim, keys, message):
     with pytest.raises(CommandError, match=message):
-        continued(sim.save(), sim.scenario.changed(keys))
+        continue_run(sim.save(), sim.scenario.changed(keys))
 
 
 def test_new_fault_that_starts_before_the_next_tick_is_rejected(sim):
     with pytest.raises(CommandError, match=r"fault\[1\]: the change must not affect the time before"):
-        continued(sim.save(), with_faults(sim, {**JUMP, "start_s": 2.0}))
+        continue_run(sim.save(), with_faults(sim, {**JUMP, "start_s": 2.0}))
     with pytest.raises(CommandError, match=r"fault\[0\]: the change must not affect the time before"):
-        continued(sim.save(), with_faults(sim, end_s=1.5))
+        continue_run(sim.save(), with_faults(sim, end_s=1.5))

@@ -5,7 +5,7 @@ from math import inf, nan, radians
 import pytest
 
 from agrobot_mj.core.errors import CommandError, ScenarioError
-from agrobot_mj.extensions.play.adjustments import ADJUSTMENTS, NextStart, fault_kinds, restarted
+from agrobot_mj.extensions.play.adjustments import ADJUSTMENTS, NextStart, fault_kinds, restart_scenario
 from agrobot_mj.extensions.play.driver import Keys, PlayDriver
 from agrobot_mj.extensions.play.gamepad import Gamepad
 from agrobot_mj.extensions.play.panel import Press
@@ -78,7 +78,7 @@ def test_tractor_at_zero_manual_speed_does_not_move_on_a_slope():
 
 
 def test_fast_turn_on_a_slope_of_25_degrees_rolls_the_tractor_over(tmp_path):
-    session = PlaySession(restarted(load_scenario("side_slope_10"), NextStart(25.0)))
+    session = PlaySession(restart_scenario(load_scenario("side_slope_10"), NextStart(25.0)))
     drive(session, 20, speed=0.0)
     assert not session.sim.done
     drive(session, 120, radians(-40), 4.0)
@@ -92,7 +92,7 @@ def test_fast_turn_on_a_slope_of_25_degrees_rolls_the_tractor_over(tmp_path):
 
 
 def test_tractor_at_rest_on_a_slope_of_35_degrees_rolls_over():
-    session = PlaySession(restarted(load_scenario("side_slope_10"), NextStart(35.0)))
+    session = PlaySession(restart_scenario(load_scenario("side_slope_10"), NextStart(35.0)))
     drive(session, 2, speed=0.0)
     assert session.sim.outcome == "rolled_over"
     assert session.ticks == 1
@@ -102,7 +102,7 @@ def test_roll_angle_on_a_slope_decreases_with_increasing_tyre_pressure():
     scenario = load_scenario("side_slope_10", {"machine": "utility"})
     rolls = []
     for bar in (0.8, 1.6):
-        session = PlaySession(restarted(scenario, NextStart(15.0, pressure_bar=bar)))
+        session = PlaySession(restart_scenario(scenario, NextStart(15.0, pressure_bar=bar)))
         assert session.base.tractor.tyre_pressure("rear", 1.0) == bar
         rolls.append(abs(session.sim.truth.roll))
     assert radians(0.1) < rolls[0] - rolls[1] < radians(3.0)

@@ -12,10 +12,17 @@ import tomli_w
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.extensions.search.importance import importance, importance_table, importance_text
 from agrobot_mj.extensions.search.importance.results import importance_figure, influence, noise_share
-from agrobot_mj.extensions.search.importance.shares import FEWEST, Share, ranked, regression, sobol_flaws, sobol_shares
+from agrobot_mj.extensions.search.importance.shares import (
+    FEWEST,
+    Share,
+    rank_shares,
+    regression,
+    sobol_flaws,
+    sobol_shares,
+)
 from agrobot_mj.simulation.results import claim
 from agrobot_mj.studies.sweep.plan import SweepPlan
-from agrobot_mj.studies.sweep.schema import read_sweep, resolved
+from agrobot_mj.studies.sweep.schema import read_sweep, resolve_sweep
 
 KEYS = ("steering.valve.delay_s", "steering.valve.dead_band_v", "tractor.mass_kg")
 TEXT = (
@@ -64,7 +71,7 @@ ISHIGAMI_TOTAL = np.array([V1 + V13, V2, V13]) / ISHIGAMI_VARIANCE  # Sobol indi
 def written(plan, folder, left_out=0):
     """Write a results folder as `sweep` does, with a test function as metric. In the second group, x3 is 0."""
     claim(folder, ("sweep.toml", "sweep.parquet"))
-    (folder / "sweep.toml").write_text(tomli_w.dumps(resolved(plan.sweep)))
+    (folder / "sweep.toml").write_text(tomli_w.dumps(resolve_sweep(plan.sweep)))
     rows = []
     for run in list(plan.runs())[left_out:]:
         x1, x2, x3 = (run.parameters[key] for key in KEYS)
@@ -159,7 +166,7 @@ def test_unsuitable_designs_and_odd_sample_numbers_are_rejected(plan, tmp_path):
     with pytest.raises(ScenarioError, match="the design is 'sobol'"):
         importance(folder)
     assert not (folder / "importance.json").exists()
-    assert json.loads(json.dumps(resolved(plan(4).sweep)))["samples"] == 4
+    assert json.loads(json.dumps(resolve_sweep(plan(4).sweep)))["samples"] == 4
 
 
 # --- what the designs that ship tell of functions that are known --------------------------------------------------
@@ -279,10 +286,10 @@ def test_indices_out_of_range_or_from_few_samples_are_not_ranked(plan, tmp_path)
 
 def test_parameters_with_overlapping_intervals_share_a_rank_range():
     shares = [Share(key, (low + high) / 2, low, high, 0.0, 0.0) for key, low, high in INTERVALS]
-    assert [(share.key, share.rank) for share in ranked(shares, True)] == [
+    assert [(share.key, share.rank) for share in rank_shares(shares, True)] == [
         ("a", "1"), ("d", "2-3"), ("b", "2-4"), ("c", "3-4"),
     ]  # fmt: skip
-    assert [(share.key, share.rank) for share in ranked(shares, False)] == [(key, "1-4") for key in "bcda"]
+    assert [(share.key, share.rank) for share in rank_shares(shares, False)] == [(key, "1-4") for key in "bcda"]
 
 
 INTERVALS = [("b", 0.1, 0.3), ("c", 0.0, 0.15), ("d", 0.2, 0.4), ("a", 0.5, 0.9)]

@@ -180,7 +180,7 @@ def test_error_for_missing_dask_names_the_extra(file, tmp_path, call, monkeypatc
 
 
 def test_an_interrupted_sweep_resumes(serial, file, tmp_path, monkeypatch):
-    driven, real = [], tasks._driven
+    driven, real = [], tasks._run_task
 
     def stops_after(most):
         def drive(task, scenario):
@@ -193,12 +193,12 @@ def test_an_interrupted_sweep_resumes(serial, file, tmp_path, monkeypatch):
 
     options, folder = SweepOptions(jobs=1, quiet=True), tmp_path / "out"
     for most in (5, 11):
-        monkeypatch.setattr(tasks, "_driven", stops_after(most))
+        monkeypatch.setattr(tasks, "_run_task", stops_after(most))
         with pytest.raises(KeyboardInterrupt):
             run_sweep(file, folder, options)
         assert table(folder).num_rows == most
     row_file(folder, 2).write_text("{")  # as a loss of power may leave it
-    monkeypatch.setattr(tasks, "_driven", stops_after(None))
+    monkeypatch.setattr(tasks, "_run_task", stops_after(None))
     found = run_sweep(file, folder, options)
     assert (found.before, found.new) == (10, 6)
     assert driven == [*range(11), 2, *range(11, TOTAL)]

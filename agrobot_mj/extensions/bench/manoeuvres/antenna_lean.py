@@ -102,7 +102,7 @@ def gains(scenario: Scenario) -> tuple[float, float]:
     return float(P[0, 0] / (P[0, 0] + R[0, 0])), float(P[1, 0] / (P[0, 0] + R[0, 0]))
 
 
-def estimated(scenario: Scenario, delta: float) -> tuple[float, float]:
+def steady_estimates(scenario: Scenario, delta: float) -> tuple[float, float]:
     """Return two steady-state estimates of the paper's EKF at a steering angle `delta` [rad]: the sine of the heading
     [-], and the lateral offset of the estimated rear axle from the fixes [m], positive to the left. Both are zero for
     other estimators."""
@@ -120,7 +120,7 @@ def offset(scenario: Scenario, slope: SlopeState) -> float:
     s, law, compensated = scenario, scenario.guidance, scenario.estimator.terrain_compensation
     h, l_r, h_c = s.tractor.antenna_height_m, s.tractor.cg_to_rear_axle, s.tractor.cg_height_m
     phi, beta, delta = slope
-    sine, ahead = estimated(s, delta)
+    sine, ahead = steady_estimates(s, delta)
     cosine = sqrt(1.0 - sine * sine)
     lean = -h * sin(phi) * cos(beta)
     cg = l_r * sin(beta) - h_c * sin(phi) * cos(beta)

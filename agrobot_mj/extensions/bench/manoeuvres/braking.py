@@ -46,7 +46,7 @@ DRIFT_MM = 1.0
 FREE = Machine(driveline=Driveline(connected=False, brake_torque_n_m=CAPACITY_N_M))
 
 
-def released(plant: MujocoPlant, needed: float) -> float:
+def release_torque(plant: MujocoPlant, needed: float) -> float:
     """Release the brake slowly from 1.1 times `needed` [N m]. Return the torque at which the tractor starts rolling."""
     torque = 1.1 * needed
     while torque > 0.0:
@@ -66,7 +66,7 @@ def deceleration(plant: MujocoPlant) -> float:
     return -acceleration(plant, Drive(NEUTRAL_V, NEUTRAL_V, STOPPING_N_M / CAPACITY_N_M), FROM_M_S, TO_M_S)
 
 
-def parked(m: Trial, mass_kg: float) -> float:
+def parked_displacement(m: Trial, mass_kg: float) -> float:
     """Return the displacement of a parked tractor with tyres scaled to its mass [mm]: the maximum of its initial
     distance from the origin and its displacement in ten seconds."""
     share = mass_kg / TractorParameters().mass_kg
@@ -84,7 +84,7 @@ def holding(m: Trial, tyre: Any) -> Iterator[Check]:
         radii, _ = Tractor(plant.tractor, tyre).rolling(radians(GRADE_DEG))
         needed = plant.tractor.mass_kg * GRAVITY * sin(radians(GRADE_DEG)) * float(radii[2])
         about = m.about(f"torque that holds {facing} on {GRADE_DEG:g} deg", tyre.kind, "N m")
-        yield about.near(released(plant, needed), needed, BAND)
+        yield about.near(release_torque(plant, needed), needed, BAND)
 
 
 def stopping(m: Trial, tyre: Any) -> Check:
@@ -103,4 +103,4 @@ def run(m: Trial) -> Iterator[Check]:
         yield stopping(m, tyre)
     for mass in MASSES_KG[:: 3 if m.quick else 1]:
         about = m.about(f"start and drift in 10 s, {mass:g} kg on {PARKED_DEG:g} deg", "linear", "mm")
-        yield about.below(parked(m, mass), DRIFT_MM)
+        yield about.below(parked_displacement(m, mass), DRIFT_MM)

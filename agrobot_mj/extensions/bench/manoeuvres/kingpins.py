@@ -84,7 +84,7 @@ def scrubbing(front_load: float, width: float, offset: float) -> float:
     return DRY_GRIP * front_load * sqrt(width**2 / 8 + offset**2)
 
 
-def changed(**linkage: float) -> Machine:
+def with_linkage(**linkage: float) -> Machine:
     """Return a copy of the machine `SIZED` with changed linkage parameters."""
     return SIZED._replace(linkage=LINKAGE.model_copy(update=linkage))
 
@@ -95,10 +95,10 @@ def loaded_radius(plant: MujocoPlant) -> float:
     return tractor.front_wheel_radius_m - tractor.front_axle_load / 2 / tractor.front_wheel.stiffness
 
 
-def parked(m: Trial, tyre: Any) -> Iterator[Check]:
+def parking_checks(m: Trial, tyre: Any) -> Iterator[Check]:
     """Yield checks of steering torque and pressure of a parked and a rolling tractor, for two kingpin offsets."""
     for offset in (0.0, LINKAGE.kingpin_offset_m):
-        machine = changed(kingpin_offset_m=offset)
+        machine = with_linkage(kingpin_offset_m=offset)
         plant, _ = m.mujoco(tyre, machine=machine)
         tractor, where = plant.tractor, f"kingpin offset {1e3 * offset:g} mm"
         wanted = scrubbing(tractor.front_axle_load, tractor.front_wheel_width_m, offset)
@@ -111,7 +111,7 @@ def parked(m: Trial, tyre: Any) -> Iterator[Check]:
         yield m.about(f"torque at 1 m/s divided by parked torque, {where}", tyre.kind).below(rolled / still, 0.35)
 
 
-def stalled(m: Trial, tyre: Any) -> Iterator[Check]:
+def relief_checks(m: Trial, tyre: Any) -> Iterator[Check]:
     """Yield checks of the steering rate of a parked and of a rolling tractor at a low relief pressure."""
     machine = SIZED._replace(cylinder=CYLINDER.model_copy(update={"relief_pressure_bar": WEAK_BAR}))
     plant, _ = m.mujoco(tyre, machine=machine)
@@ -126,10 +126,10 @@ def stalled(m: Trial, tyre: Any) -> Iterator[Check]:
     yield m.about(f"{weak}, rolling", tyre.kind, "deg/s").above(rates[1], 5.0)
 
 
-def lifted(m: Trial) -> Check:
+def lift_check(m: Trial) -> Check:
     """Return a check of the steering torque that lifts the tractor at 20 degrees of steering, without scrubbing."""
     tyre, angle = MagicFormula(patch_half_length_m=0.0, trail_m=0.0), 20.0
-    machine = changed(caster_deg=0.0, kingpin_offset_m=0.06, friction_n_m=0.0)
+    machine = with_linkage(caster_deg=0.0, kingpin_offset_m=0.06, friction_n_m=0.0)
     plant, _ = m.mujoco(tyre, machine=machine)
     lift = sweep(driver_of(plant, 0.0), machine, angle).offset
     s = radians(machine.linkage.kingpin_inclination_deg)
@@ -142,7 +142,7 @@ def trailing(m: Trial, tyre: Any) -> Check:
     """Return a check of the steering torque due to caster in a steady bend, at 10 degrees of steering and 3 m/s."""
     torques = []
     for caster in (0.0, CASTER_DEG):
-        machine = changed(kingpin_offset_m=0.0, kingpin_inclination_deg=0.0, friction_n_m=0.0, caster_deg=caster)
+        machine = with_linkage(kingpin_offset_m=0.0, kingpin_inclination_deg=0.0, friction_n_m=0.0, caster_deg=caster)
         plant, _ = m.mujoco(tyre, machine=machine)
         driver = driver_of(plant, 3.0)
         for _ in range(200):
@@ -163,10 +163,10 @@ def run(m: Trial) -> Iterator[Check]:
     """Yield the check of the caster with `linear`, and all other checks with `magic_formula`. Quick mode checks only
     the steering at stall and the torque that lifts the tractor."""
     if m.quick:
-        yield lifted(m)
+        yield lift_check(m)
     else:
-        yield from parked(m, MagicFormula())
-    yield from stalled(m, MagicFormula())
+        yield from parking_checks(m, MagicFormula())
+    yield from relief_checks(m, MagicFormula())
     if not m.quick:
-        yield lifted(m)
+        yield lift_check(m)
         yield trailing(m, Linear())

@@ -115,10 +115,10 @@ def plate(m: Trial, tyre: Ruts) -> Iterator[Check]:
     yield m.about("rebound of a plate", tyre.kind, "MPa/m").near(1e-6 * stiffness, tyre.rebound_mpa_m, CLOSED)
     for count in (2, 3, 10):
         about = m.about(f"sinkage of a plate after {count} equal loadings divided by the sinkage after one", tyre.kind)
-        yield about.near(repeated(soil, k, count), count ** (1 / soil.multipass), CLOSED)
+        yield about.near(repeated_sinkage_ratio(soil, k, count), count ** (1 / soil.multipass), CLOSED)
 
 
-def repeated(soil: Bearing, k: float, count: int) -> float:
+def repeated_sinkage_ratio(soil: Bearing, k: float, count: int) -> float:
     """Return the plastic sinkage of a plate after `count` loadings to 100 kPa, divided by the sinkage after one loading
     [-]."""
     cell, depth, sunk = SoilCell(0.0, 0.0, 0.0, 0.0, 0.0), 0.0, []

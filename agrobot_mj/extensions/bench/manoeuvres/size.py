@@ -35,7 +35,7 @@ TYRE = MagicFormula()
 PEAKS_DEG = np.arange(5.0, 41.0, 1.0)  # Slip angles at which the force is computed to find its peak [deg]
 
 
-def grown(mass_kg: float) -> Machine:
+def tractor_of_mass(mass_kg: float) -> Machine:
     """Return the default machine scaled to a mass [kg]. Tyres, steering and drive are sized for the scaled tractor."""
     return Machine(tractor=tractor_of(mass_kg))
 
@@ -72,7 +72,7 @@ def peak(tractor: TractorParameters, wheel: int) -> float:
     return max(-rig.steady(Setting(SPEED_M_S, radians(angle), 0.0, load)).fy for angle in PEAKS_DEG) / load
 
 
-def parked(m: Trial, machine: Machine) -> tuple[float, float]:
+def parking_torque(m: Trial, machine: Machine) -> tuple[float, float]:
     """Steer a parked tractor to its left stop. Return the mean steering torque [N m] and the final steering angle
     [deg]."""
     driver = Driver(*m.mujoco(TYRE, machine=machine))
@@ -84,11 +84,11 @@ def parked(m: Trial, machine: Machine) -> tuple[float, float]:
 def run(m: Trial) -> Iterator[Check]:
     """Yield checks of the default tractor scaled to several masses. Quick mode tests every second mass."""
     for mass in MASSES_KG[1::2] if m.quick else MASSES_KG:
-        machine, size = grown(mass), f"{mass / 1e3:g} t"
+        machine, size = tractor_of_mass(mass), f"{mass / 1e3:g} t"
         tractor = machine.tractor
         slipped, _ = crab(m, machine)
         _, folded = crab(m, machine._replace(implement=trailer(mass / 2)))
-        torque, reached = parked(m, machine)
+        torque, reached = parking_torque(m, machine)
         about = m.about(f"mean crab angle, {GRADE_DEG:g} deg, {size}", TYRE.kind, "deg")
         yield about.near(slipped, crab_of_any_mass(tractor, TYRE, GRADE_DEG), BAND)
         for axle, wheel, curve in (("front", FRONT, TYRE.front), ("rear", REAR, TYRE.rear)):

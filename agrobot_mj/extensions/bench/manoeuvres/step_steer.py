@@ -69,7 +69,7 @@ def rise(t: Array, values: Array, share: float) -> float:
     return float(np.interp(level, values[k - 1 : k + 1], t[k - 1 : k + 1])) if k else float(t[0])
 
 
-def swept(voltage: float) -> float:
+def swept_angle(voltage: float) -> float:
     """Return the final steering angle after a pulse of the valve voltage, for a rigid cylinder [rad]."""
     law, memory = valve_law(Valve(), PHYSICS_S)
     volume = 0.0
@@ -80,7 +80,7 @@ def swept(voltage: float) -> float:
 
 def pulse_voltage() -> float:
     """Return the voltage of the pulse that steers the wheels to the angle `STEER` [V]."""
-    return float(brentq(lambda voltage: swept(voltage) - STEER, NEUTRAL_V, FULL_RANGE_V, xtol=1e-3))
+    return float(brentq(lambda voltage: swept_angle(voltage) - STEER, NEUTRAL_V, FULL_RANGE_V, xtol=1e-3))
 
 
 def step(plant: Any, truth: Truth, seconds: float) -> Step:

@@ -47,7 +47,7 @@ def aligning(table: pa.Table) -> Figure | None:
     return _by_load(table, "lateral", "mz_n_m", "aligning moment [N m]", 1.0)
 
 
-def combined(table: pa.Table) -> Figure:
+def plot_combined_slip(table: pa.Table) -> Figure:
     """Plot lateral versus longitudinal force at several slip angles, with an ellipse through the maximum forces at pure
     slip."""
     figure, grid = _panels(table, height=2.9)
@@ -61,7 +61,7 @@ def combined(table: pa.Table) -> Figure:
         if _kind(table) != "linear":
             _draw_ellipse(axes, rows)
         axes.set_xlabel("longitudinal force [kN]")
-    return _finished(figure, grid, "lateral force [kN]")
+    return _add_legend(figure, grid, "lateral force [kN]")
 
 
 def step(table: pa.Table) -> Figure | None:
@@ -79,10 +79,10 @@ def step(table: pa.Table) -> Figure | None:
             axes.plot(_column(curve, "distance_m"), share, color=colour, linewidth=width, label=f"{speed:g} m/s")
         axes.axhline(1 - np.exp(-1), color="#666666", linestyle="--", linewidth=0.7, label="63 %")
         axes.set(xlabel="distance travelled [m]", ylim=(0, 1.15))
-    return _finished(figure, grid, "lateral force over steady [-]")
+    return _add_legend(figure, grid, "lateral force over steady [-]")
 
 
-def speed(table: pa.Table) -> Figure:
+def plot_speeds(table: pa.Table) -> Figure:
     """Plot lateral force versus small slip angles at several speeds, for the tyre and for MuJoCo's contact model."""
     own = _kind(table)
     panels = {"contact": "contact"} if own == "contact" else {"lateral": own, "contact": "contact"}
@@ -95,7 +95,7 @@ def speed(table: pa.Table) -> Figure:
         axes.text(0.03, 0.05, "slope at zero [1/rad]:\n" + ", ".join(slopes), transform=axes.transAxes)
         axes.set(title=f"{panels[test]}, front, {load:.0f} N", xlabel="slip angle [deg]")
         axes.set(xlim=(-CREEP_DEG[-1], CREEP_DEG[-1]), ylim=(-1, 1))
-    return _finished(figure, grid, "lateral force over load [-]")
+    return _add_legend(figure, grid, "lateral force over load [-]")
 
 
 def hopping(table: pa.Table) -> Figure | None:
@@ -112,11 +112,11 @@ def hopping(table: pa.Table) -> Figure | None:
             angle = np.degrees(_column(curve, "slip_angle_rad"))
             axes.plot(angle, _column(curve, "grounded"), color=colour, label=f"{speed:g} m/s")
         axes.set(xlabel="slip angle [deg]", ylim=(0, 1.05))
-    return _finished(figure, grid, "time on the ground [-]")
+    return _add_legend(figure, grid, "time on the ground [-]")
 
 
-FIGURES: list[Callable[[pa.Table], Figure | None]] = [lateral, longitudinal, aligning, combined]
-FIGURES += [step, speed, hopping]
+FIGURES: list[Callable[[pa.Table], Figure | None]] = [lateral, longitudinal, aligning, plot_combined_slip]
+FIGURES += [step, plot_speeds, hopping]
 """Functions that draw one figure each. The PNG file is named after the function."""
 
 
@@ -129,7 +129,7 @@ def _by_load(table: pa.Table, test: str, column: str, label: str, scale: float) 
             slip = np.degrees(_column(curve, "slip_angle_rad")) if test == "lateral" else _column(curve, "slip_ratio")
             axes.plot(slip, scale * _column(curve, column), color=colour, label=f"{share:g} static load")
         axes.set_xlabel("slip angle [deg]" if test == "lateral" else "slip ratio [-]")
-    return _finished(figure, grid, label)
+    return _add_legend(figure, grid, label)
 
 
 def _draw_ellipse(axes: Axes, rows: pa.Table) -> None:
@@ -167,7 +167,7 @@ def _panels(table: pa.Table, height: float = 2.6) -> tuple[Figure, list[tuple[Ax
     return figure, grid
 
 
-def _finished(figure: Figure, grid: Sequence[tuple[Axes, object]], label: str) -> Figure:
+def _add_legend(figure: Figure, grid: Sequence[tuple[Axes, object]], label: str) -> Figure:
     first = grid[0][0]
     first.set_ylabel(label)
     handles, names = first.get_legend_handles_labels()

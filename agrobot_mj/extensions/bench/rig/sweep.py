@@ -46,15 +46,15 @@ def load_specimen(source: str) -> Specimen:
     file."""
     kinds = list(families()["plant.tyre"])
     if source in kinds:
-        return _resolved({"tyre": {"kind": source}}, "tyre.", source)
+        return _resolve_specimen({"tyre": {"kind": source}}, "tyre.", source)
     path = Path(source)
     if path.suffix != ".toml" and not path.is_file():
         hint = f"{suggestion(source, kinds)} (known: {', '.join(kinds)}; or a TOML file); {PLUGIN}"
         raise ScenarioError(f"unknown tyre {source!r}{hint}")
-    return _resolved(*_found(read_toml(path)), path.name)
+    return _resolve_specimen(*_tyre_tables(read_toml(path)), path.name)
 
 
-def _found(data: dict[str, Any]) -> tuple[dict[str, Any], str]:
+def _tyre_tables(data: dict[str, Any]) -> tuple[dict[str, Any], str]:
     """Return the tables `tyre` and `tractor` of a TOML file, and the prefix of its tyre keys, such as `plant.tyre.`."""
     rest = {key: value for key, value in data.items() if key != "tractor"}
     tractor = {"tractor": data["tractor"]} if "tractor" in data else {}
@@ -64,7 +64,7 @@ def _found(data: dict[str, Any]) -> tuple[dict[str, Any], str]:
     return ({**rest, **tractor}, "tyre.") if "tyre" in data else ({"tyre": rest, **tractor}, "")
 
 
-def _resolved(data: dict[str, Any], prefix: str, source: str) -> Specimen:
+def _resolve_specimen(data: dict[str, Any], prefix: str, source: str) -> Specimen:
     tyre, known = data.pop("tyre"), ", ".join(families()["plant.tyre"])
     if not isinstance(tyre, dict):
         raise ScenarioError(f"{source}: {prefix.rstrip('.')}: must be a table, got {tyre!r}")
@@ -131,7 +131,7 @@ def longitudinal(speeds: Iterable[float], loads: Iterable[float]) -> Iterator[Se
     return (Setting(v, 0.0, float(k), load) for v in speeds for load in loads for k in ratios)
 
 
-def combined(load: float) -> Iterator[Setting]:
+def combined_slip_settings(load: float) -> Iterator[Setting]:
     """Yield rig settings of the test `combined`: swept slip ratios at several slip angles, then free rolling at slip
     angles up to `FAR_DEG`."""
     ratios = FAR_RATIO * np.sin(np.linspace(-1, 1, 61) * np.pi / 2) ** 3
@@ -151,7 +151,7 @@ def _tests(rig: TestBench, static: float) -> Iterator[Row]:
     for test, settings in (("lateral", lateral), ("longitudinal", longitudinal)):
         for case in (settings([SPEED_M_S], loads), settings(others, [static])):
             yield from ((test, *numbers) for numbers in _steady(rig, case))
-    yield from (("combined", *numbers) for numbers in _steady(rig, combined(static)))
+    yield from (("combined", *numbers) for numbers in _steady(rig, combined_slip_settings(static)))
     for speed in SPEEDS_M_S if rig.relaxation else ():
         yield from (("step", *numbers) for numbers in _step(rig, Setting(speed, radians(STEP_DEG), 0.0, static)))
 

@@ -11,7 +11,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from agrobot_mj.core.errors import required
+from agrobot_mj.core.errors import import_extra
 from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.imports import Polyline, ShapeFile
 from agrobot_mj.paths.imports.xml_files import parsed_xml
@@ -42,7 +42,7 @@ def _system(root: Element) -> tuple[str, bool]:
     crs = f"EPSG:{code[1]}" if code[1] else "EPSG:4326"
     if named.upper().startswith("EPSG:") or not code[1] or "epsg.xml#" in named:
         return crs, False
-    pyproj = required("pyproj", "fields", f"the coordinate system {crs}")
+    pyproj = import_extra("pyproj", "fields", f"the coordinate system {crs}")
     try:
         return crs, pyproj.CRS(crs).axis_info[0].direction == "north"
     except pyproj.exceptions.CRSError:

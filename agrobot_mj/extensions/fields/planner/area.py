@@ -10,7 +10,7 @@ from shapely.geometry.base import BaseGeometry
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.extensions.fields.plan import Plan
-from agrobot_mj.extensions.fields.planner.laps import Ring, offset, rings, smoothed
+from agrobot_mj.extensions.fields.planner.laps import Ring, offset, rings, smooth_ring
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine, implement_boxes, tractor_boxes, tractor_poses
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.track import Course, Piece, chain
@@ -90,5 +90,5 @@ def inside_laps(whole: BaseGeometry, plan: Plan) -> BaseGeometry:
 def area_of(field: Field, headlands: int, rig: FieldMachine, beyond: float = 0.0, margin: float = 0.0) -> Area:
     """Return the areas and laps of a field for planning. A `margin` [m] along the boundary is not worked."""
     whole, first = whole_of(field), margin + rig.overlap / 2
-    laps = tuple(smoothed(ring, rig) for ring in rings(offset(whole, first), headlands, rig.spacing))
+    laps = tuple(smooth_ring(ring, rig) for ring in rings(offset(whole, first), headlands, rig.spacing))
     return Area(whole, offset(whole, first + headlands * rig.spacing), laps, rig, beyond)

@@ -115,7 +115,7 @@ def _turns(start: Pose, goal: Pose, shape: Shape, bends: Bends) -> Iterator[Piec
     beyond = max(ahead, 0.0)
     if shape == "bulb" and abs(left) < half_turn_width(*bends[:2]):
         turn, further = _bulb(abs(left), bends)
-        turn = turn if left > 0 else tuple(_mirrored(piece) for piece in turn)
+        turn = turn if left > 0 else tuple(_mirror(piece) for piece in turn)
     else:
         turn, further = headland_turn(left, "k" if shape == "k" else "omega", *bends), 0.0
     yield (*straight(beyond), *turn, *straight(beyond + further - ahead))
@@ -134,7 +134,7 @@ def depth_of_turn(rig: FieldMachine, shape: Shape) -> float:
     return float(shapely.bounds(outlines)[:, 2].max())
 
 
-def _mirrored(piece: Piece) -> Piece:
+def _mirror(piece: Piece) -> Piece:
     return piece._replace(curvature=-piece.curvature, sharpness=-piece.sharpness)
 
 

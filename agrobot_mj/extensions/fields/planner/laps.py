@@ -9,10 +9,10 @@ from shapely import LinearRing, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.extensions.fields.planner.merging import MITRE, merged
+from agrobot_mj.extensions.fields.planner.merging import MITRE, merge_corners
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine
 from agrobot_mj.paths.arc import Pose
-from agrobot_mj.paths.fillet import Rounding, rounded
+from agrobot_mj.paths.fillet import Rounding, round_corners
 from agrobot_mj.paths.track import Course, Piece
 
 SIMPLE_M = 0.05  # Tolerance of the simplification of rings [m]
@@ -107,13 +107,13 @@ def drivable(points: Array, closed: bool, rig: FieldMachine, cuts: Array | None 
     The machine cannot follow a reversal of the line or a bend below its turn radius.
     """
     try:
-        course = rounded(points, closed, rounding(rig), cuts)
+        course = round_corners(points, closed, rounding(rig), cuts)
     except ValueError:
         return None
     return course if course.peaks.max() <= rig.max_curvature else None
 
 
-def begun(course: Course, distance: float) -> Course:
+def start_at(course: Course, distance: float) -> Course:
     """Return the closed course from another start: the arc length `distance` [m] on a straight segment, or otherwise
     the nearest joint of two bends or middle of a straight segment."""
     ends = course.distances()
@@ -135,7 +135,7 @@ def begun(course: Course, distance: float) -> Course:
     return Course(start, lengths, *others)
 
 
-def smoothed(ring: Ring, rig: FieldMachine) -> Ring:
+def smooth_ring(ring: Ring, rig: FieldMachine) -> Ring:
     """Return the headland lap with the smallest smoothing radius of `SMOOTHER` that the machine can follow. If there is
     none, return the original lap."""
     for factor in SMOOTHER:
@@ -145,7 +145,7 @@ def smoothed(ring: Ring, rig: FieldMachine) -> Ring:
             if area.geom_type != "Polygon" or area.is_empty:
                 continue
             found = ring._replace(points=_corners(area.simplify(CORNER_M).exterior, LinearRing(ring.points).is_ccw))
-        points, cuts = merged(found.points, rounding(rig), rig.width / 2, DEVIATION * rig.width)
+        points, cuts = merge_corners(found.points, rounding(rig), rig.width / 2, DEVIATION * rig.width)
         found = found._replace(points=points, cuts=cuts)
         if lap(found, rig) is not None:
             return found

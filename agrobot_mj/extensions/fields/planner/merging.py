@@ -21,7 +21,7 @@ from shapely.geometry.base import BaseGeometry
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.arc import Pose
-from agrobot_mj.paths.fillet import MAX_ANGLE, MIN_ANGLE, Rounding, corner, need
+from agrobot_mj.paths.fillet import MAX_ANGLE, MIN_ANGLE, Rounding, corner, corner_weight
 from agrobot_mj.paths.track import chain
 
 MITRE = 5.0  # Maximum length of a mitred corner divided by the offset of the boundary [-]
@@ -30,7 +30,7 @@ LONGEST = 10  # Maximum number of corners that one corner replaces at once [-]
 LEAST, WIDEST = 0.1, 2.1  # Limits of the angle of an intersection [rad]. Assumed values.
 
 
-def merged(points: Array, how: Rounding, clearance: float, deviation: float) -> tuple[Array, Array]:
+def merge_corners(points: Array, how: Rounding, clearance: float, deviation: float) -> tuple[Array, Array]:
     """Return the corners of a closed polyline after merging, shape (n, 2) [m], and their cuts, shape (n,) [m].
 
     A cut is the distance of a corner from the original polyline. The boundary of the field is `clearance` [m] outside a
@@ -97,7 +97,7 @@ class _Sides:
         self.corners = {k: _Corner(complex(x, y)) for k, (x, y) in enumerate(points.tolist())}
         self.before = {k: (k - 1) % count for k in range(count)}
         self.after = {k: (k + 1) % count for k in range(count)}
-        self.needs = {k: need(self._angle(k), how) for k in range(count)}
+        self.needs = {k: corner_weight(self._angle(k), how) for k in range(count)}
         self.bends = {k: self._bend(k) for k in range(count)}
 
     def slow(self, which: set[int]) -> set[int]:
@@ -164,7 +164,7 @@ class _Sides:
             for k in gone:
                 del values[k]
         changed = around & self.corners.keys()
-        self.needs.update({k: need(self._angle(k), self.how) for k in (first, a, last)})
+        self.needs.update({k: corner_weight(self._angle(k), self.how) for k in (first, a, last)})
         slowest = min(bend.speed for bend in earlier.values())
         for k in (a, *changed - {a}):
             found = self.bends[k] = self._bend(k)

@@ -17,10 +17,10 @@ from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.extensions.fields.plan import Plan, PlannedPass
 from agrobot_mj.extensions.fields.planner.area import TOLERANCE_M, Area, area_of
 from agrobot_mj.extensions.fields.planner.joins import Shape, join
-from agrobot_mj.extensions.fields.planner.laps import Ring, begun, lap, pieces_of
+from agrobot_mj.extensions.fields.planner.laps import Ring, lap, pieces_of, start_at
 from agrobot_mj.extensions.fields.planner.leaving import Leaving, leaving
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine
-from agrobot_mj.extensions.fields.planner.swaths import Pattern, Swath, SwathFrame, best_pattern, ordered, pattern
+from agrobot_mj.extensions.fields.planner.swaths import Pattern, Swath, SwathFrame, best_pattern, pattern, swath_order
 from agrobot_mj.extensions.fields.planner.words import end_of, length_of, shortest_arcs, straight
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.headland import half_turn_width
@@ -98,7 +98,7 @@ class _Work:
                 )
             self.omitted.append(f"{narrow}, so that the plan omits this lap")
             return
-        courses = [begun(course, distance) for distance in self._starts(course)]
+        courses = [start_at(course, distance) for distance in self._starts(course)]
         chosen = self.to([course.start for course in courses])
         behind, first = self.rig.behind, self.distance
         self.go((*pieces_of(courses[chosen]), *straight(behind)))
@@ -141,7 +141,7 @@ class _Work:
             starts = [_pose(layout, left[k][-1 if back else 0], forth) for k, back, forth in variants]
             k, back, forth = variants[self.to(starts)]
             cell = left.pop(k)[:: -1 if back else 1]
-            for number, index in enumerate(ordered(len(cell), self.options.order, across)):
+            for number, index in enumerate(swath_order(len(cell), self.options.order, across)):
                 self.swath(cell[index], layout, forth == (number % 2 == 0))
 
     @cached_property

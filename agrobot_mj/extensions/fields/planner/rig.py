@@ -74,14 +74,14 @@ def _sideslip(course: Course, length: float) -> Array:
         last = first + len(list(leg))
         steps = list(zip(steady[first:last], kept[first:last], strict=True))
         if direction > 0:
-            found += _approached(steps, found[-1])[1:]
+            found += _first_order_lag(steps, found[-1])[1:]
         else:
-            found += _approached(steps[::-1], steps[-1][0])[-2::-1]
+            found += _first_order_lag(steps[::-1], steps[-1][0])[-2::-1]
         first = last
     return np.array(found)
 
 
-def _approached(steps: list[tuple[float, float]], initial: float) -> list[float]:
+def _first_order_lag(steps: list[tuple[float, float]], initial: float) -> list[float]:
     """Return the values of a first-order lag before and after each step, which is given by its steady-state value and
     the fraction of the difference that remains."""
     return list(accumulate(steps, lambda value, step: step[0] + step[1] * (value - step[0]), initial=initial))

@@ -165,7 +165,7 @@ def _cells(rows: list[list[Swath]]) -> list[list[Swath]]:
     return cells
 
 
-def ordered(count: int, order: str, across: int) -> list[int]:
+def swath_order(count: int, order: str, across: int) -> list[int]:
     """Return the swath indices of a cell in the order of travel. The order is ascending or, if `order` is "skip", in
     steps of at least `across` swaths."""
     if order == "skip" and across > 1 and count >= 2 * across + 1:

@@ -103,7 +103,7 @@ def shortest_arcs(start: Pose, goal: Pose, radius: float) -> float:
 def _solutions(word: Word, goal: Pose, bends: Bends) -> Iterator[tuple[Piece, ...]]:
     """Yield the paths with the sequence of bends `word` from the origin to the pose `goal`, as tuples of segments."""
     for guess in _arcs(word, goal, bends.reach):
-        found = guess if isinf(bends.sharpness) else _refined(word, guess, goal, bends)
+        found = guess if isinf(bends.sharpness) else _refine_clothoids(word, guess, goal, bends)
         if found is None or (word.middle == 0 and found[1] < 0):
             continue
         pieces = tuple(_pieces(word, found, bends))
@@ -125,7 +125,7 @@ def _pieces(word: Word, values: tuple[float, float, float], bends: Bends) -> Ite
             yield from turn.pieces(side * value, bends.speed, direction)
 
 
-def _refined(
+def _refine_clothoids(
     word: Word, guess: tuple[float, float, float], goal: Pose, bends: Bends
 ) -> tuple[float, float, float] | None:
     """Return the bend angles [rad] and straight length [m] of a connection with clothoids, found numerically from the

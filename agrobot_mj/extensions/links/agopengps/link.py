@@ -54,7 +54,7 @@ def link(
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Log:
     """Run a scenario steered by a host, and write the results to `folder`. Raises `ScenarioError` or `NoHostError`."""
-    done = _connected(scenario, options, watchers, should_stop)
+    done = _run_connected(scenario, options, watchers, should_stop)
     table = done.session.traffic.table(done.session.started, scenario.portable()[0])
     traffic = {"link.parquet": lambda path: pq.write_table(table, path, compression="zstd")}
     write_log(done.log, folder, traffic, options.recorded)
@@ -64,12 +64,12 @@ def link(
 def check(scenario: Scenario, options: LinkOptions, should_stop: Callable[[], bool] = lambda: False) -> LinkCheck:
     """Run a scenario steered by a host for `CHECK_S` seconds, and return the results of the connection check. Raises
     `ScenarioError` or `NoHostError`."""
-    log = _connected(scenario.changed({"duration_s": CHECK_S}), options, (), should_stop).log
+    log = _run_connected(scenario.changed({"duration_s": CHECK_S}), options, (), should_stop).log
     block = log.metrics["link"]
     return LinkCheck(block, list(check_lines(scenario, log, block)))
 
 
-def _connected(
+def _run_connected(
     scenario: Scenario, o: LinkOptions, watchers: tuple[Watcher, ...], should_stop: Callable[[], bool]
 ) -> LinkRun:
     """Open the channel to the host and run the scenario."""

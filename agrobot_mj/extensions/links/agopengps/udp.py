@@ -49,7 +49,7 @@ class UdpSockets:
         self.sockets: list[socket.socket] = []
         for own in LOOPBACK if ip.is_loopback else ("0.0.0.0",):
             try:
-                self.sockets.append(_bound(own, board_port))
+                self.sockets.append(_bound_socket(own, board_port))
             except OSError as error:
                 # only Linux accepts all of 127.0.0.0/8; other systems use only the first address
                 if error.errno == errno.EADDRNOTAVAIL and self.sockets:
@@ -101,7 +101,7 @@ class UdpSockets:
                 return
 
 
-def _bound(address: str, port: int) -> socket.socket:
+def _bound_socket(address: str, port: int) -> socket.socket:
     opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)

@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from agrobot_mj.core.errors import ScenarioError, required
+from agrobot_mj.core.errors import ScenarioError, import_extra
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.core.table_columns import check_time, read_columns
 from agrobot_mj.core.version import __version__
@@ -49,10 +49,10 @@ def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:
             raise ScenarioError(f"{folder}: the folder has no {name}; specify the folder of a run")
     with results(out or folder, [FILE]) as place:
         scenario, signals = load_scenario(folder / "scenario.toml"), _signals(folder / "signals.parquet")
-        return place / FILE, write_mcap(scenario, signals, place / FILE, _waited(folder / "metrics.json"))
+        return place / FILE, write_mcap(scenario, signals, place / FILE, _waiting_time(folder / "metrics.json"))
 
 
-def _waited(file: Path) -> float:
+def _waiting_time(file: Path) -> float:
     """Return the time for which a ROS node waited for a program before the run [s], or 0 for a run without a node."""
     try:
         waited = json.loads(file.read_text(encoding="utf-8"))["ros2"]["waited_s"]
@@ -80,7 +80,7 @@ def _signals(file: Path) -> pa.Table:
 
 def write_mcap(scenario: Scenario, signals: pa.Table, file: Path, waited_s: float = 0.0) -> int:
     """Write a run to an MCAP file. Return the number of messages. Raises `ScenarioError` without the extra `mcap`."""
-    library: Any = required("mcap_ros2.writer", "mcap", "export --mcap")
+    library: Any = import_extra("mcap_ros2.writer", "mcap", "export --mcap")
     with atomic(file) as temporary:
         writer = library.Writer(str(temporary))
         schemas = {
@@ -94,7 +94,7 @@ def write_mcap(scenario: Scenario, signals: pa.Table, file: Path, waited_s: floa
         }
         writer.add_metadata("agrobot_mj", about)
         count = 0
-        for topic, t, content in recorded(scenario, signals, waited_s):
+        for topic, t, content in messages_of(scenario, signals, waited_s):
             at = nanoseconds(t)
             writer.write_message(topic, schemas[topic], content, log_time=at, publish_time=at, sequence=count)
             count += 1
@@ -102,7 +102,7 @@ def write_mcap(scenario: Scenario, signals: pa.Table, file: Path, waited_s: floa
     return count
 
 
-def recorded(scenario: Scenario, signals: pa.Table, waited_s: float) -> Iterator[tuple[str, float, Content]]:
+def messages_of(scenario: Scenario, signals: pa.Table, waited_s: float) -> Iterator[tuple[str, float, Content]]:
     """Yield topic, time [s] and content of each message of a run in chronological order."""
     site, yaw, way = site_of(scenario), nan, path(scenario)
     for k, sample in enumerate(samples_of(signals)):

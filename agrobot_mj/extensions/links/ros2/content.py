@@ -114,7 +114,7 @@ def messages(s: TickSample, site: Site, yaw: float, time: float | None = None) -
     found = [("/fix", fix(s, site, at)), ("/joint_states", joint_states(s, site, at))]
     if isfinite(s.gyro) or isfinite(s.imu_roll):
         found.append(("/imu/data", imu(s, site, yaw, at)))
-    found += [("/odometry", estimated(s, at)), ("/ground_truth/odom", true(s, site, at))]
+    found += [("/odometry", odometry_message(s, at)), ("/ground_truth/odom", true(s, site, at))]
     return [*found, ("/clock", {"clock": at})]
 
 
@@ -186,7 +186,7 @@ def joint_states(s: TickSample, site: Site, at: Content) -> Content:
     }
 
 
-def estimated(s: TickSample, at: Content) -> Content:
+def odometry_message(s: TickSample, at: Content) -> Content:
     """Return `nav_msgs/Odometry` of the estimated motion of the rear-axle point R in the map plane."""
     covariance = [0.0] * 36
     covariance[0], covariance[1], covariance[6], covariance[7] = s.p_xx, s.p_xy, s.p_xy, s.p_yy

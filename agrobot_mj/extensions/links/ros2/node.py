@@ -7,7 +7,7 @@ from importlib import import_module
 from math import isfinite
 from typing import Any, NamedTuple, Self
 
-from agrobot_mj.core.errors import ScenarioError, required
+from agrobot_mj.core.errors import ScenarioError, import_extra
 from agrobot_mj.extensions.links.ros2.content import Content
 from agrobot_mj.extensions.links.ros2.definitions import TOPICS
 
@@ -38,7 +38,7 @@ class RosNode:
 
     def __init__(self, stamped: bool = False, domain: int | None = None, namespace: str = "") -> None:
         """Create the node. If `stamped`, /cmd_vel has the type TwistStamped. `namespace` applies to node and topics."""
-        self.rclpy = required("rclpy", "ros", "ros2")
+        self.rclpy = import_extra("rclpy", "ros", "ros2")
         if domain is not None and not 0 <= domain <= MOST_DOMAIN:
             raise ScenarioError(f"--domain: must be between 0 and {MOST_DOMAIN}, got {domain}")
         if not NAMESPACE.fullmatch(namespace := namespace.strip("/")):
@@ -129,7 +129,7 @@ def problem_of(types: Sequence[str], stamped: bool, refused: int) -> str:
 def message_class(kind: str) -> Any:
     """Return the class of a message type (`nav_msgs/Odometry`). Raises `ScenarioError` for a missing package."""
     package, _, name = kind.partition("/")
-    required(package, "ros", "ros2")
+    import_extra(package, "ros", "ros2")
     return getattr(import_module(f"{package}.msg"), name)
 
 

@@ -24,7 +24,7 @@ from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.logs.identify.model import LateralMotion
 from agrobot_mj.extensions.logs.identify.predictions import MASS_KG, PARAMETERS, dynamics_of, motion, predictions
-from agrobot_mj.extensions.logs.identify.windows import SPEED_CUT_OFF_HZ, WINDOW_S, FitPiece, VehicleData, smoothed
+from agrobot_mj.extensions.logs.identify.windows import SPEED_CUT_OFF_HZ, WINDOW_S, FitPiece, VehicleData, low_pass
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 
 MEMORY_S = 0.4
@@ -75,7 +75,7 @@ class VehicleFit(NamedTuple):
         return dict(zip(self.names, self.value.tolist(), strict=True))
 
 
-def whitened(series: Array, noise: Autoregression) -> Array:
+def whiten(series: Array, noise: Autoregression) -> Array:
     """Return the innovations of `series` (windows, n, ...) under an autoregressive model, divided by their standard
     deviation. The first p samples are omitted, where p is the model order."""
     a, p = noise.coefficients, len(noise.coefficients)
@@ -126,7 +126,7 @@ class Problem:
 
     def _basis(self, name: str, columns: list[Array]) -> Array:
         """Return an orthonormal basis of the whitened `columns` of a channel, shape (windows, samples, columns)."""
-        white = [whitened(column, self.noise[name]).reshape(len(column), -1) for column in columns]
+        white = [whiten(column, self.noise[name]).reshape(len(column), -1) for column in columns]
         return np.linalg.qr(np.stack(white, axis=2))[0]
 
     def blocks(self, x: Array) -> Array:
@@ -135,7 +135,7 @@ class Problem:
         p = dict(zip(self.names, x.tolist(), strict=True))
         model, parts = predictions(p, self.data, self.motions(tuple(x[self.dynamic].tolist()))), []
         for name, channel in self.data.channels.items():
-            r = whitened(model[name] - channel.value, self.noise[name]).reshape(len(channel.t), -1, 1)
+            r = whiten(model[name] - channel.value, self.noise[name]).reshape(len(channel.t), -1, 1)
             if (q := self.bases.get(name)) is not None:
                 r = r - q @ (q.transpose(0, 2, 1) @ r)
             parts.append(r[..., 0])
@@ -174,7 +174,7 @@ def _units(names: Sequence[str], mass: float, priors: Mapping[str, Prior]) -> _U
 def fit(data: VehicleData, names: Sequence[str], priors: Mapping[str, Prior] | None = None) -> VehicleFit:
     """Fit vehicle and sensor parameters to recordings in three rounds of fitting and whitening. `names` are keys of
     `PARAMETERS`. `priors` contains normal priors by parameter name."""
-    names = tuple(dict.fromkeys((*names, *(n for n in NUISANCE if _seen(n, data)))))
+    names = tuple(dict.fromkeys((*names, *(n for n in NUISANCE if _is_identified(n, data)))))
     units = _units(names, data.chassis.mass, priors or {})
     scale, x = units.scale, units.start
     noise = {k: Autoregression(np.zeros(LEAST_ORDER), 0.01) for k in data.channels}
@@ -290,11 +290,11 @@ def _with_noise(
         (piece.recording.speed.t, data.speed_noise, of_speed),
     )
     steer, u = (np.interp(piece.t, t, sigma * random.standard_normal(len(t))) for t, sigma, random in inputs)
-    steer, u = smoothed(steer, data.play_cut_off_hz), smoothed(u, SPEED_CUT_OFF_HZ)
+    steer, u = low_pass(steer, data.play_cut_off_hz), low_pass(u, SPEED_CUT_OFF_HZ)
     return piece._replace(steer=piece.steer + steer, u=piece.u + u)
 
 
-def _seen(nuisance: str, data: VehicleData) -> bool:
+def _is_identified(nuisance: str, data: VehicleData) -> bool:
     """Return whether the measured channels identify a parameter of `NUISANCE`."""
     needs = {"gyro_offset": {"yaw_rate"}, "speed_error": {"position"}, "heading_offset": {"heading", "position"}}
     return needs[nuisance] <= set(data.channels)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.errors import ScenarioError, required, suggestion
+from agrobot_mj.core.errors import ScenarioError, import_extra, suggestion
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.table_columns import FieldLogError, Source
 from agrobot_mj.extensions.logs.identify.vehicle import LEAST_WINDOWS, SEPARABLE
@@ -94,8 +94,8 @@ def fit_keys(
 ) -> FittedKeys:
     """Fit the scenario keys `names` to logs, starting from the values of `scenario`. Raises `FieldLogError` for an
     unsuitable log, `ScenarioError` for an invalid key."""
-    required("absl", "sysid", "a fit of scenario keys")
-    toolbox = required("mujoco.sysid", "sysid", "a fit of scenario keys")
+    import_extra("absl", "sysid", "a fit of scenario keys")
+    toolbox = import_extra("mujoco.sysid", "sysid", "a fit of scenario keys")
     start = start_values(scenario, names)
     cut = read_pieces(source, log_map, scenario.tractor.antenna_height_m, start_s, end_s)
     problem, x = _Problem(cut.kept, scenario, start), np.array([1.0] * len(start))
@@ -112,7 +112,7 @@ def fit_keys(
     rows = [row[:, 0] for row in problem.weighted(x)[0]]
     scale = np.diag(list(start.values()))
     halves = np.abs(scale) @ toolbox.calculate_intervals(rows, jacobian)[1]
-    covariance = _spread(now, rows, jacobian)
+    covariance = _jackknife_covariance(now, rows, jacobian)
     for error in ((STEER_SCALE, 0.0), (0.0, STEER_DELAY_S)):
         misread = problem.misread(*error).weighted(x)[0]
         effect = np.linalg.pinv(jacobian) @ np.concatenate(
@@ -174,7 +174,7 @@ def _optimum(toolbox: Any, problem: _Problem, x: Array) -> tuple[Array, Array]:
     return found.as_vector(), result.jac
 
 
-def _spread(residuals: Residuals, rows: Sequence[Array], jacobian: Array) -> Array:
+def _jackknife_covariance(residuals: Residuals, rows: Sequence[Array], jacobian: Array) -> Array:
     """Return the covariance of the fitted values by a jackknife over time windows [MacKinnonWhite1985]."""
     ends = np.cumsum([len(row) for row in rows])[:-1]
     parts: dict[tuple[int, int], tuple[Array, Array]] = {}

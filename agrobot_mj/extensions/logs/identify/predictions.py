@@ -17,7 +17,7 @@ from scipy.interpolate import Akima1DInterpolator
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.logs.identify.model import STEP_S, Lateral, LateralMotion, simulate, wheel_angle
-from agrobot_mj.extensions.logs.identify.windows import CUT_OFF_HZ, FitPiece, VehicleData, smoothed
+from agrobot_mj.extensions.logs.identify.windows import CUT_OFF_HZ, FitPiece, VehicleData, low_pass
 from agrobot_mj.extensions.logs.series import axle_speed
 
 MASS_KG = 750.0  # Tractor mass to which the compliances in `DYNAMICS` refer [kg]
@@ -76,12 +76,12 @@ def motion(p: Mapping[str, float], data: VehicleData, piece: FitPiece) -> Latera
     recorded = piece.steer
     if later := p.get("steer_delay_s"):
         recorded = Akima1DInterpolator(piece.t, recorded, extrapolate=True)(piece.t - later)
-    delta = wheel_angle(sensed(p, recorded), STEP_S, p.get("backlash", 0.0), p.get("steer_lag_s", 0.0))
-    delta = smoothed(delta, CUT_OFF_HZ)
+    delta = wheel_angle(true_wheel_angles(p, recorded), STEP_S, p.get("backlash", 0.0), p.get("steer_lag_s", 0.0))
+    delta = low_pass(delta, CUT_OFF_HZ)
     stiff = 1e-9
     C_f, C_r = (1.0 / max(p[f"{axle}_compliance"], stiff) for axle in ("front", "rear"))
     tyres = Lateral(C_f, C_r, p.get("front_relaxation_m", 0.0), p.get("rear_relaxation_m", 0.0))
-    u = speed(p, piece)
+    u = rear_axle_speed(p, piece)
     found = simulate(data.chassis, tyres, u, delta, STEP_S)
     if piece.recording.antenna_speed and piece.yaw_rate is None:
         u = axle_speed(u, found.yaw_rate, *_place(p, piece))
@@ -89,13 +89,13 @@ def motion(p: Mapping[str, float], data: VehicleData, piece: FitPiece) -> Latera
     return found
 
 
-def sensed(p: Mapping[str, float], recorded: Array) -> Array:
+def true_wheel_angles(p: Mapping[str, float], recorded: Array) -> Array:
     """Return the true wheel angles [rad] for recorded angles [rad], with the offset and the scales in `p`."""
     angle = p.get("steer_scale", 1.0) * recorded - p.get("steer_offset", 0.0)
     return np.where(angle < 0, p.get("steer_right", 1.0) * angle, angle)
 
 
-def speed(p: Mapping[str, float], piece: FitPiece) -> Array:
+def rear_axle_speed(p: Mapping[str, float], piece: FitPiece) -> Array:
     """Return the speed of the rear axle at the time steps of the model [m/s], corrected with the parameters `p`."""
     found: Array = (1.0 + p.get("speed_error", 0.0)) * np.interp(
         piece.t + p.get("speed_delay_s", 0.0), piece.t, piece.u
@@ -132,10 +132,10 @@ def _of_piece(p: Mapping[str, float], data: VehicleData, piece: FitPiece, m: Lat
         points = (
             _dead_reckoned(p, piece, m)
             if turned
-            else _point(p, piece, speed(p, piece) * m.yaw_rate, m.rear_x, m.rear_y, m.yaw)
+            else _point(p, piece, rear_axle_speed(p, piece) * m.yaw_rate, m.rear_x, m.rear_y, m.yaw)
         )
         at = np.stack([np.interp(t, piece.t, each) for each in points], axis=2)
-        found["position"] = laid(at, channel.value[piece.windows], not turned)
+        found["position"] = fit_to_positions(at, channel.value[piece.windows], not turned)
     return found
 
 
@@ -143,7 +143,7 @@ def _dead_reckoned(p: Mapping[str, float], piece: FitPiece, m: LateralMotion) ->
     """Return east and north coordinates of the antenna by dead reckoning along the recorded heading, (n,) [m]."""
     assert piece.heading is not None
     yaw = piece.heading(piece.t + p.get("heading_delay_s", 0.0)) - p.get("heading_offset", 0.0)
-    u, c, s = speed(p, piece), np.cos(yaw), np.sin(yaw)
+    u, c, s = rear_axle_speed(p, piece), np.cos(yaw), np.sin(yaw)
     x, y = (cumulative_trapezoid(v, dx=STEP_S, initial=0) for v in (u * c - m.side * s, u * s + m.side * c))
     return _point(p, piece, u * m.yaw_rate, x, y, yaw)
 
@@ -156,7 +156,7 @@ def _point(p: Mapping[str, float], piece: FitPiece, side: Array, x: Array, y: Ar
     return x + ahead * c - beside * s, y + ahead * s + beside * c
 
 
-def laid(points: Array, onto: Array, turned: bool) -> Array:
+def fit_to_positions(points: Array, onto: Array, turned: bool) -> Array:
     """Return `points` (windows, n, 2), shifted and, if `turned`, rotated in each window to fit the points `onto`."""
     a, b = (each[..., 0] + 1j * each[..., 1] for each in (points, onto))
     middle = b.mean(axis=1, keepdims=True)

@@ -113,7 +113,7 @@ def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_l
     reached = _fastest(best.p, data)
     best = _better(data, best, (RATE_LIMIT,), [(max(0.95 * reached, LOW[RATE_LIMIT]),)])
     best = _with_play(data, best)
-    explained = float(1.0 - 2 * best.result.cost / (_centred(data.measured) ** 2).sum())
+    explained = float(1.0 - 2 * best.result.cost / (_subtract_mean(data.measured) ** 2).sum())
     if not explained >= LEAST_EXPLAINED:
         share = f"{100 * explained:.0f} % of the motion, less than {100 * LEAST_EXPLAINED:.0f} %"
         raise ScenarioError(
@@ -167,7 +167,7 @@ def _data(signals: pa.Table | Path, cylinder: Cylinder, steer_limit_deg: float) 
         raise ScenarioError(
             f"the log is too short: at least {needed} with the steering away from its stops are required"
         )
-    moved = degrees(float(np.sqrt((_centred(windows[kept]) ** 2).mean())))
+    moved = degrees(float(np.sqrt((_subtract_mean(windows[kept]) ** 2).mean())))
     if moved < LEAST_MOTION_DEG:
         raise ScenarioError(f"the steering hardly moves ({moved:.2g} deg rms in {WINDOW_S:g} s); use a run with turns")
     return Data(voltage, windows[kept], kept, tick, cylinder.displacement)
@@ -226,20 +226,20 @@ def _readings(p: Array, data: Data) -> Array:
     return windows
 
 
-def _centred(windows: Array) -> Array:
+def _subtract_mean(windows: Array) -> Array:
     centred: Array = windows - windows.mean(axis=1, keepdims=True)
     return centred
 
 
 def _residuals(p: Array, data: Data) -> Array:
-    return _centred(_readings(p, data) - data.measured).ravel()
+    return _subtract_mean(_readings(p, data) - data.measured).ravel()
 
 
 def _start(data: Data) -> Array:
     """Return the initial parameters: best delay of a grid, equal gains on both sides, no rate limit, and no play."""
-    measured, found = _centred(data.measured), []
+    measured, found = _subtract_mean(data.measured), []
     for delay in np.arange(0.0, 0.6, data.tick):
-        model = _centred(_readings(np.array([0.3, 1.0, 1.0, 0.1, delay, inf, 0.0, 90.0]), data))
+        model = _subtract_mean(_readings(np.array([0.3, 1.0, 1.0, 0.1, delay, inf, 0.0, 90.0]), data))
         gain = float((model * measured).sum() / max((model * model).sum(), 1e-12))
         found.append((float(((gain * model - measured) ** 2).sum()), gain, delay))
     _, gain, delay = min(found)

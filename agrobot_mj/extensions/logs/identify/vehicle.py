@@ -15,7 +15,7 @@ from agrobot_mj.extensions.logs.identify.model import Chassis2, understeer_gradi
 from agrobot_mj.extensions.logs.identify.predictions import Channels, predictions
 from agrobot_mj.extensions.logs.identify.windows import VehicleData, enough, prepare
 from agrobot_mj.extensions.logs.maps import LogMap
-from agrobot_mj.extensions.logs.pieces import read_pieces, split
+from agrobot_mj.extensions.logs.pieces import read_pieces, split_at
 from agrobot_mj.extensions.logs.quantities import Found, Quantity, half_width
 from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.machine.tractor import GRAVITY
@@ -98,11 +98,11 @@ def identify_vehicle(
         raise FieldLogError(f"{name}: the map has no [steer]; add it with the column of the wheel angle")
     check_columns(cut.kept)
     chassis = chassis_of(scenario)
-    first, second = split(cut.kept, share)
-    data, rest = _checked(first, chassis), prepare(second, chassis)
+    first, second = split_at(cut.kept, share)
+    data, rest = _prepare_segments(first, chassis), prepare(second, chassis)
     names = (*chosen, *_ages(data))
     result = fit(data, names, dict.fromkeys(AGES, AGE))
-    explained, left, slipless = judged(result, rest if rest.windows else data)
+    explained, left, slipless = evaluate_fit(result, rest if rest.windows else data)
     channel = judged_channel(data)
     if not explained > LEAST_EXPLAINED:
         raise NothingExplainedError(
@@ -185,7 +185,7 @@ def fitted_parameters(names: Sequence[str]) -> list[str]:
     return [parameter for name in names for parameter in CHOICES[name].split()]
 
 
-def _checked(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
+def _prepare_segments(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
     """Prepare segments for the fit. Raises `TooLittleError` for too few time windows, and `FieldLogError` for too
     little steering."""
     data = enough(recordings, chassis, LEAST_WINDOWS)
@@ -201,7 +201,7 @@ def judged_channel(data: VehicleData) -> str:
     return "position" if set(data.channels) == {"position"} else "yaw_rate"
 
 
-def judged(result: VehicleFit, data: VehicleData) -> tuple[float, float, float]:
+def evaluate_fit(result: VehicleFit, data: VehicleData) -> tuple[float, float, float]:
     """Evaluate a fit on `data`. Return the explained fraction of variance [-], and the RMS residuals of the fit and of
     a model without slip [deg/s or m]."""
     slipless = {"front_compliance": 0.0, "rear_compliance": 0.0}

@@ -134,7 +134,7 @@ def channels_of(recording: FieldRecording) -> dict[str, TimeSeries]:
     return {name: series for name, series in parts.items() if series is not None and len(series.t) > 1}
 
 
-def smoothed(values: Array, cut_off: float) -> Array:
+def low_pass(values: Array, cut_off: float) -> Array:
     """Return `values` at the time steps of the model after a zero-phase low-pass filter at `cut_off` [Hz]."""
     smooth: Array = sosfiltfilt(_low_pass(cut_off), values)
     return smooth
@@ -149,7 +149,7 @@ def _low_pass(cut_off: float) -> Array:
 
 def _piece(recording: FieldRecording, windows: slice, cut_off: float) -> FitPiece:
     t = np.arange(recording.start, recording.end, STEP_S)
-    steer = smoothed(recording.steer.at(t), cut_off) if recording.steer else np.zeros(len(t))
+    steer = low_pass(recording.steer.at(t), cut_off) if recording.steer else np.zeros(len(t))
     heading, u, rate = recording.heading.smooth() if recording.heading else None, recording.speed.at(t), None
     if recording.antenna_speed and recording.yaw_rate:
         rate, (ahead, left, _) = np.interp(t, *recording.yaw_rate), recording.arm
@@ -157,8 +157,8 @@ def _piece(recording: FieldRecording, windows: slice, cut_off: float) -> FitPiec
         if recording.yaw_rate_source == "course":
             rate = None  # the course rate differs from the yaw rate of a machine with its antenna ahead
         elif heading and recording.yaw_rate_source == "heading":  # sharper than the derivative of local cubic fits
-            rate = np.gradient(smoothed(heading(t), CUT_OFF_HZ), STEP_S)
-    return FitPiece(recording, t, steer, smoothed(u, SPEED_CUT_OFF_HZ), rate, heading, windows)
+            rate = np.gradient(low_pass(heading(t), CUT_OFF_HZ), STEP_S)
+    return FitPiece(recording, t, steer, low_pass(u, SPEED_CUT_OFF_HZ), rate, heading, windows)
 
 
 def _white_noise(recordings: Sequence[FieldRecording], part: str) -> float:

@@ -16,7 +16,7 @@ import pyarrow as pa
 from agrobot_mj.core.contracts import one_line
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import absence
-from agrobot_mj.core.table_columns import CONTROL, FieldLogError, Source, check_size, column_names, loaded
+from agrobot_mj.core.table_columns import CONTROL, FieldLogError, Source, check_size, column_names, load_table
 from agrobot_mj.extensions.logs.maps import UNKNOWN, LogMap, known_map, lacking, si_tables
 from agrobot_mj.extensions.logs.readers.agopenweb import AgOpenWebRecorder
 from agrobot_mj.extensions.logs.readers.base import HEAD_BYTES, QUANTITIES, Head, LogReader, ReadLog, Samples
@@ -63,7 +63,7 @@ def open_log(path: Path) -> OpenedLog:
         return _of_utf16(path)
     for reader in READERS:
         if reader.recognises(head):
-            return _opened(path, reader.kind, _checked(reader, reader.read(path)))
+            return _opened_log(path, reader.kind, _check_result(reader, reader.read(path)))
     raise FieldLogError(f"{path if path.is_dir() else path.name}: {_reason(head)}")
 
 
@@ -78,7 +78,7 @@ def _of_utf16(path: Path) -> OpenedLog:
         ):
             copyfileobj(text, out)
         found = open_log(copy)
-        return found._replace(source=loaded(found.source))
+        return found._replace(source=load_table(found.source))
 
 
 def _reason(head: Head) -> str:
@@ -113,7 +113,7 @@ def _head(path: Path) -> Head:
         raise FieldLogError(f"{path}: {error.strerror}") from None
 
 
-def _opened(path: Path, kind: str, found: ReadLog) -> OpenedLog:
+def _opened_log(path: Path, kind: str, found: ReadLog) -> OpenedLog:
     names, tables = column_names(found.source), dict[str, dict[str, Any]]()
     log_map, missing = known_map(names), UNKNOWN
     if isinstance(found.source, pa.Table):
@@ -123,7 +123,7 @@ def _opened(path: Path, kind: str, found: ReadLog) -> OpenedLog:
     return OpenedLog(path.name, kind, found.source, found.notes, log_map, "" if log_map else missing, tables)
 
 
-def _checked(reader: LogReader, found: ReadLog) -> ReadLog:
+def _check_result(reader: LogReader, found: ReadLog) -> ReadLog:
     """Return the result of a reader unchanged. Raises `ScenarioError` if the result has a wrong type."""
     whole = isinstance(found, ReadLog) and isinstance(found.source, pa.Table | Path)
     if not whole or (isinstance(found.source, pa.Table) and "t" not in found.source.column_names):

@@ -15,11 +15,11 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from agrobot_mj.core.errors import shortened
+from agrobot_mj.core.errors import shorten
 from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.core.table_columns import NAME, FieldLogError, Source, check_size
-from agrobot_mj.extensions.logs.series import LARGEST, LATE_S, RESTART_S, decreased
+from agrobot_mj.extensions.logs.series import LARGEST, LATE_S, RESTART_S, note_on_decreases
 from agrobot_mj.paths.imports import text_type
 
 QUANTITIES = (
@@ -128,7 +128,7 @@ class Samples:
 
     def damaged(self, line: int, text: str) -> None:
         """Count an unreadable line. The number and the text of the first unreadable line are kept for messages."""
-        self._first_damage = self._first_damage or f"line {line}, {shortened(ascii(text.strip()), 60)}"
+        self._first_damage = self._first_damage or f"line {line}, {shorten(ascii(text.strip()), 60)}"
         self._damaged += 1
 
     def log(self, what: str, *notes: str, **meaning: dict[str, Any]) -> ReadLog:
@@ -145,7 +145,7 @@ class Samples:
             raise FieldLogError("; ".join([f"{self.name}: the log contains no {what}", *notes[:3]]))
         found = list(notes)
         if self._decreases:
-            found.append(decreased(self._decreases))
+            found.append(note_on_decreases(self._decreases))
         if self._damaged:
             found.append(f"{self._damaged} damaged lines are omitted (first: {self._first_damage})")
         chosen = {name: max(parts, key=lambda each: len(parts[each][0])) for name, parts in self._kept.items()}

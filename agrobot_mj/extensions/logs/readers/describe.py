@@ -12,7 +12,7 @@ import tomli_w
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import UNPRINTABLE
-from agrobot_mj.core.table_columns import FieldLogError, Source, column_names, loaded, read_columns
+from agrobot_mj.core.table_columns import FieldLogError, Source, column_names, load_table, read_columns
 from agrobot_mj.extensions.logs.checks import check_columns
 from agrobot_mj.extensions.logs.health import health_lines
 from agrobot_mj.extensions.logs.maps import LogMap, TimeColumn, named_columns
@@ -51,7 +51,7 @@ def coverage(t: Array, values: Array) -> Coverage:
 def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
     """Return a description of a log as plain text that is also valid Markdown. `log_map` is the user's column map, or
     None."""
-    source, m = loaded(log.source), log_map or log.log_map
+    source, m = load_table(log.source), log_map or log.log_map
     names = [name for name in column_names(source) if not m or name != m.time.column][:MOST_COLUMNS]
     tables = {} if m else log.tables or _template(source, names)
     at = m.time if m else TimeColumn(**tables["time"]) if tables else None

@@ -181,12 +181,12 @@ def _files(path: Path) -> dict[str, Open]:
             if stream.read(4) == b"PK\3\4":
                 return _in_zip(path)
     folder = path if path.is_dir() else path.parent
-    files = {each.name.upper(): partial(_read, each) for each in folder.iterdir() if each.is_file()}
+    files = {each.name.upper(): partial(_read_bytes, each) for each in folder.iterdir() if each.is_file()}
     alone = TIME_LOG.fullmatch(path.name.upper())
     return {key: each for key, each in files.items() if not alone or key.startswith(f"{alone[1]}.")}
 
 
-def _read(path: Path, most: int) -> bytes:
+def _read_bytes(path: Path, most: int) -> bytes:
     check_size(path, most)
     return path.read_bytes()
 

@@ -12,7 +12,7 @@ from math import atan2
 from pathlib import Path
 from typing import Any, Literal
 
-from agrobot_mj.core.errors import ScenarioError, required
+from agrobot_mj.core.errors import ScenarioError, import_extra
 from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.readers.base import Head, LogReader, ReadLog, Samples
 
@@ -82,9 +82,9 @@ class Ros2Bag(LogReader):
 
 def _messages(file: Path) -> Iterator[tuple[str, float, dict[str, float]]]:
     """Yield topic, time [s] and quantities of each message of a known type."""
-    stream_reader: Any = required("mcap.stream_reader", "mcap", "reading a ROS 2 bag")
-    decoders: Any = required("mcap_ros2.decoder", "mcap", "reading a ROS 2 bag").DecoderFactory()
-    records: Any = required("mcap.records", "mcap", "reading a ROS 2 bag")
+    stream_reader: Any = import_extra("mcap.stream_reader", "mcap", "reading a ROS 2 bag")
+    decoders: Any = import_extra("mcap_ros2.decoder", "mcap", "reading a ROS 2 bag").DecoderFactory()
+    records: Any = import_extra("mcap.records", "mcap", "reading a ROS 2 bag")
     schemas, channels = dict[int, Any](), dict[int, Any]()
     with file.open("rb") as stream:
         if stream.read(len(SQLITE)) == SQLITE:
@@ -111,17 +111,17 @@ def _records(library: Any, records: Any, stream: Any, name: str) -> Iterator[Any
     reader = library.StreamReader(stream, emit_chunks=True, record_size_limit=MOST_RECORD_BYTES)
     for record in reader.records:
         if isinstance(record, records.Chunk):
-            yield from library.breakup_chunk(replace(record, compression="", data=_unpacked(record, name)))
+            yield from library.breakup_chunk(replace(record, compression="", data=_decompress(record, name)))
         else:
             yield record
 
 
-def _unpacked(chunk: Any, name: str) -> bytes:
+def _decompress(chunk: Any, name: str) -> bytes:
     if chunk.compression == "zstd":
-        zstandard: Any = required("zstandard", "mcap", "reading a ROS 2 bag")
+        zstandard: Any = import_extra("zstandard", "mcap", "reading a ROS 2 bag")
         data = zstandard.ZstdDecompressor().stream_reader(chunk.data).read(MOST_RECORD_BYTES + 1)
     elif chunk.compression == "lz4":
-        lz4: Any = required("lz4.frame", "mcap", "reading a ROS 2 bag")
+        lz4: Any = import_extra("lz4.frame", "mcap", "reading a ROS 2 bag")
         data = lz4.LZ4FrameDecompressor().decompress(chunk.data, max_length=MOST_RECORD_BYTES + 1)
     else:
         data = chunk.data

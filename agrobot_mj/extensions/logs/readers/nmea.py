@@ -11,7 +11,7 @@ from math import inf, isnan
 from pathlib import Path
 from typing import Any, Literal
 
-from agrobot_mj.core.errors import shortened
+from agrobot_mj.core.errors import shorten
 from agrobot_mj.core.nmea import NO_FIX, fields_of
 from agrobot_mj.core.table_columns import FieldLogError, check_size
 from agrobot_mj.extensions.logs.readers.base import DAY_S, DayClock, Head, LogReader, ReadLog, Samples
@@ -99,7 +99,7 @@ class _Sentences:
                 self.t = self.clock.at(text)
         except (ValueError, IndexError):
             self.unclear += 1
-            self.first_unclear = self.first_unclear or f"line {self._line_of(found)}, {shortened(found.text, 60)}"
+            self.first_unclear = self.first_unclear or f"line {self._line_of(found)}, {shorten(found.text, 60)}"
             return None
         return values
 

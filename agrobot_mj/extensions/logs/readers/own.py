@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from agrobot_mj.core.agopengps.messages import SteerState
-from agrobot_mj.core.agopengps.position import read as read_position
+from agrobot_mj.core.agopengps.position import decode_position as read_position
 from agrobot_mj.core.agopengps.traffic import MOST, SCHEMA, read_traffic
 from agrobot_mj.core.agopengps.wire import decode
 from agrobot_mj.core.signals import TICK_S

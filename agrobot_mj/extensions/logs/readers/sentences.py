@@ -11,7 +11,7 @@ from re import compile as pattern
 from typing import NamedTuple
 
 from agrobot_mj.core.agopengps.layouts import from_compass
-from agrobot_mj.core.agopengps.position import read as read_position
+from agrobot_mj.core.agopengps.position import decode_position as read_position
 from agrobot_mj.core.nmea import DGPS_FIX, GPS_FIX, KNOTS, NO_FIX, RTK_FIX, RTK_FLOAT, degrees_of, fields_of, sentence
 
 Quantities = dict[str, float]

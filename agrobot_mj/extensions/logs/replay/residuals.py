@@ -46,7 +46,7 @@ def rigid(points: Array, onto: Array) -> Rigid:
     return Rigid(turn, onto.mean(axis=0) - at_origin.of(points.mean(axis=0)[None])[0])
 
 
-def refined(pose: Pose, recording: FieldRecording, driven: Driven) -> Pose:
+def refine_pose(pose: Pose, recording: FieldRecording, driven: Driven) -> Pose:
     """Return the initial pose, corrected so that the first metres of a replay fit the recorded positions. Without
     sufficient positions, the pose is unchanged."""
     fixes = _first_metres(recording)
@@ -111,7 +111,7 @@ Replayed = tuple[FieldRecording, Driven]  # Segment of a recording and its repla
 
 def metrics(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any]:
     """Return the metrics of a replay over all segments [SI, rad]. Metrics without sufficient data are None."""
-    speeds = [driven.speed - _speed(recording, driven.t) for recording, driven in pieces]
+    speeds = [driven.speed - _speeds(recording, driven.t) for recording, driven in pieces]
     steers = [driven.steer - recording.steer.at(driven.t) for recording, driven in pieces if recording.steer]
     return {
         "outcome": next((driven.outcome for _, driven in pieces if driven.outcome != "completed"), "completed"),
@@ -125,13 +125,15 @@ def metrics(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any]:
     }
 
 
-def _speed(recording: FieldRecording, t: Array) -> Array:
+def _speeds(recording: FieldRecording, t: Array) -> Array:
     speed: Array = np.interp(t, recording.speed.t, recording.speed.value)
     return speed
 
 
 def _way(recording: FieldRecording, driven: Driven) -> float:
-    return float(np.abs(_speed(recording, driven.t)).sum() * np.median(np.diff(driven.t))) if len(driven.t) > 1 else 0.0
+    return (
+        float(np.abs(_speeds(recording, driven.t)).sum() * np.median(np.diff(driven.t))) if len(driven.t) > 1 else 0.0
+    )
 
 
 def _yaw_rate(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any] | None:
@@ -146,12 +148,12 @@ def _yaw_rate(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any] | 
     value = np.concatenate([seen.value for seen, *_ in pairs])
     model = np.concatenate([np.interp(seen.t, driven.t, driven.yaw_rate) for seen, _, driven in pairs])
     slipless = [
-        _speed(recording, seen.t) * np.tan(recording.steer.at(seen.t)) / wheelbase - seen.value
+        _speeds(recording, seen.t) * np.tan(recording.steer.at(seen.t)) / wheelbase - seen.value
         for seen, recording, _ in pairs
         if recording.steer is not None
     ]
     off, spread = model - value, float(np.var(value))
-    u = np.concatenate([_speed(recording, seen.t) for seen, recording, _ in pairs])
+    u = np.concatenate([_speeds(recording, seen.t) for seen, recording, _ in pairs])
     return {
         "source": pairs[0][1].yaw_rate_source,
         "samples": len(value),

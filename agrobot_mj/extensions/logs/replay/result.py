@@ -25,7 +25,7 @@ from agrobot_mj.extensions.logs.replay.residuals import (
     first_metres_end,
     metrics,
     position_errors,
-    refined,
+    refine_pose,
     start_pose,
 )
 from agrobot_mj.scenario.schema import Scenario
@@ -83,7 +83,7 @@ def replay_pieces(
     """Replay segments on the plant of a scenario."""
     by = by or ("steer" if recordings[0].steer is not None else "valve")
     scenario = on_wide_ground(scenario, max(map(reach, recordings)))
-    driven = tuple((each, _driven(each, scenario, by)) for each in recordings)
+    driven = tuple((each, _replay_segment(each, scenario, by)) for each in recordings)
     wheelbase = scenario.tractor.wheelbase_m
     numbers = {
         "log": ", ".join(dict.fromkeys(each.name for each in recordings)),
@@ -111,12 +111,12 @@ def reach(recording: FieldRecording) -> float:
     return float(np.abs(recording.speed.value).max()) * (recording.end - recording.start)
 
 
-def _driven(recording: FieldRecording, scenario: Scenario, by: By) -> Driven:
+def _replay_segment(recording: FieldRecording, scenario: Scenario, by: By) -> Driven:
     """Replay a segment. Its initial pose is fitted to the first metres of the recorded positions, if any."""
     pose = start_pose(recording, scenario.tractor.wheelbase_m)
     if recording.position is not None:
         first = recording._replace(end=max(first_metres_end(recording), recording.start + 1.0))
-        pose = refined(pose, recording, drive(scenario, first, pose, by))
+        pose = refine_pose(pose, recording, drive(scenario, first, pose, by))
     return drive(scenario, recording, pose, by)
 
 

@@ -165,19 +165,19 @@ def machine_data(scenario: Scenario, keys: Mapping[str, TwinKey], title: str) ->
     own.pop("guidance", None)  # belongs to the simulation, not to the machine
     data: dict[str, Any] = {"title": title}
     for name in TABLES:
-        if table := merged(tables.get(name, {}), own.get(name, {})):
+        if table := merge_tables(tables.get(name, {}), own.get(name, {})):
             data[name] = table
     for key, each in keys.items():
         override(data, key, each.value, scenario)
     return data
 
 
-def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+def merge_tables(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
     """Return a merge of two nested tables. Values of `above` take precedence over values of `below`."""
     found = dict(below)
     for key, value in above.items():
         old = found.get(key)
-        found[key] = merged(old, value) if isinstance(value, Mapping) and isinstance(old, Mapping) else value
+        found[key] = merge_tables(old, value) if isinstance(value, Mapping) and isinstance(old, Mapping) else value
     return found
 
 

@@ -18,12 +18,12 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.table_columns import FieldLogError, Source, source_name
 from agrobot_mj.extensions.logs.annotated import annotated_toml
-from agrobot_mj.extensions.logs.calibrate import Calibration, calibrated, steered_map
+from agrobot_mj.extensions.logs.calibrate import Calibration, calibrate_log, steered_map
 from agrobot_mj.extensions.logs.identify.model import wheel_angle
 from agrobot_mj.extensions.logs.identify.vehicle import vehicle_quantities
 from agrobot_mj.extensions.logs.maps import LogMap
 from agrobot_mj.extensions.logs.origin import log_identity
-from agrobot_mj.extensions.logs.pieces import read_pieces, spells, split
+from agrobot_mj.extensions.logs.pieces import read_pieces, spells, split_at
 from agrobot_mj.extensions.logs.quantities import Quantity
 from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.replay.driving import Driven
@@ -142,13 +142,13 @@ def twin(
     m, height = steered_map(sources[0], log_map), scenario.tractor.antenna_height_m
     name = ", ".join(map(source_name, sources))
     raw = read_pieces(sources, m, height, start_s, end_s, readings=True)
-    first, _ = split(raw.kept, share)
-    found = calibrated(raw._replace(kept=tuple(first)), m, scenario)
+    first, _ = split_at(raw.kept, share)
+    found = calibrate_log(raw._replace(kept=tuple(first)), m, scenario)
     vehicle = vehicle_quantities(found.fit, found.data.chassis)
     keys = twin_keys(found, vehicle, scenario)
     own = scenario.changed({key: each.value for key, each in keys.items()})
     whole = read_pieces(sources, found.calibrated, height, start_s, end_s).kept
-    fitted, rest = split(whole, share)
+    fitted, rest = split_at(whole, share)
     if not rest:
         raise FieldLogError(f"{name}: no data is left for the evaluation; use a longer log, or a smaller --share")
     play = keys.get(BACKLASH)

@@ -15,7 +15,14 @@ from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.palette import BLUE, LIGHT_GREY, ORANGE
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.version import __version__
-from agrobot_mj.extensions.search.importance.shares import Influence, Share, ranked, screened, sobol_flaws, sobol_shares
+from agrobot_mj.extensions.search.importance.shares import (
+    Influence,
+    Share,
+    rank_shares,
+    regression_shares,
+    sobol_flaws,
+    sobol_shares,
+)
 from agrobot_mj.metrics.success import has_errors, reasons
 from agrobot_mj.simulation.results import check_folder, write_json
 from agrobot_mj.studies.engine.tasks import WALL
@@ -123,10 +130,10 @@ def importance(folder: Path, metric: str = "xte_rms") -> list[Influence]:
     sweep of one of `DESIGNS`, or if some runs (for example failed runs) have no value of the metric.
     """
     with reporting_damage(folder / "sweep.parquet", "read"):
-        return _found(folder, metric)
+        return _influences(folder, metric)
 
 
-def _found(folder: Path, metric: str) -> list[Influence]:
+def _influences(folder: Path, metric: str) -> list[Influence]:
     try:
         file = tomllib.loads((folder / "sweep.toml").read_text("utf-8"))
         rows: Rows = read_rows(folder)
@@ -155,11 +162,11 @@ def influence(name: str, file: dict[str, Any], draws: Array, values: Array, metr
     noise = noise_share(values)
     left, flaws = None, tuple[str, ...]()
     if file["method"] == "screening":
-        shares, left = screened(keys, draws, means, noise or 0.0)
+        shares, left = regression_shares(keys, draws, means, noise or 0.0)
     else:
         shares = sobol_shares(keys, means, noise or 0.0)
         flaws = sobol_flaws(shares, file["samples"])
-    return Influence(name, float(means.mean()), float(means.std()), noise, left, flaws, ranked(shares, not flaws))
+    return Influence(name, float(means.mean()), float(means.std()), noise, left, flaws, rank_shares(shares, not flaws))
 
 
 def noise_share(values: Array) -> float | None:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2, norm, rankdata, spearmanr, t
 
-from agrobot_mj.core.errors import required
+from agrobot_mj.core.errors import import_extra
 from agrobot_mj.core.signals import Array
 
 CONFIDENCE = 0.95  # Probability with which the intervals of all draws in a group are correct simultaneously [-]
@@ -66,7 +66,7 @@ class Influence(NamedTuple):
         return len(self.shares) * (len(self.shares) - 1) // 2
 
 
-def ranked(shares: Sequence[Share], trusted: bool) -> tuple[Share, ...]:
+def rank_shares(shares: Sequence[Share], trusted: bool) -> tuple[Share, ...]:
     """Return the fractions with their ranks, sorted by rank.
 
     A parameter ranks above another parameter only if its interval is entirely above the other interval. If `trusted`
@@ -88,7 +88,7 @@ class Regression(NamedTuple):
     left: float  # Upper confidence limit of the unexplained fraction of the variance [-]
 
 
-def screened(keys: Sequence[str], draws: Array, values: Array, noise: float) -> tuple[list[Share], float]:
+def regression_shares(keys: Sequence[str], draws: Array, values: Array, noise: float) -> tuple[list[Share], float]:
     """Return the variance fractions of the parameters `keys` by regression, and the maximum fraction that is due
     neither to the regression nor to seeds."""
     n, d = draws.shape
@@ -144,7 +144,7 @@ def sobol_shares(keys: Sequence[str], values: Array, noise: float) -> list[Share
     The fraction is subtracted from the estimate and from the lower bound. The upper bound includes the fraction,
     because the noise may depend on the keys.
     """
-    sobol, d = required("SALib.analyze.sobol", "studies", "importance"), len(keys)
+    sobol, d = import_extra("SALib.analyze.sobol", "studies", "importance"), len(keys)
     problem = {"num_vars": d, "names": list(keys), "bounds": [[0.0, 1.0]] * d}
     found = sobol.analyze(problem, values, calc_second_order=False, num_resamples=RESAMPLES, seed=1)
     # SALib gives half widths for a single index with a normal distribution; these are valid for all indices.

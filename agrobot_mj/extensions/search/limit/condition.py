@@ -15,7 +15,7 @@ from typing import Any, NoReturn, get_args
 
 from agrobot_mj.core.errors import PLUGIN, ScenarioError, suggestion
 from agrobot_mj.core.signals import Outcome
-from agrobot_mj.metrics.success import is_error, succeeded, without_errors
+from agrobot_mj.metrics.success import is_error, is_success, without_errors
 from agrobot_mj.studies.engine.tasks import ERROR
 
 COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
@@ -70,7 +70,7 @@ class Condition:
         Unexpected outcomes are ignored if the condition contains the outcome. A missing metric meets the condition.
         Tracking errors of failed or incomplete runs are missing.
         """
-        unexpected = not self.names_outcome and not succeeded(numbers)
+        unexpected = not self.names_outcome and not is_success(numbers)
         return numbers["outcome"] == ERROR or unexpected or self.met(without_errors(numbers))
 
     def met(self, numbers: Numbers) -> bool:

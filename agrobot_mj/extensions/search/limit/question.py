@@ -234,11 +234,13 @@ def _caveats(q: Question, tried: Sequence[Tried]) -> list[str]:
 
 def answer_beside(found: Found, q: Question, sound: Found, overrides: Mapping[str, Any]) -> Counterpart:
     """Return the result of a baseline search, with the shift of the limit caused by the fault or disturbance."""
-    text = f"with {_shown(overrides)}: {sound.statement.removeprefix(sound.law + ' ').split('. ')[0]}"
-    return Counterpart(dict(overrides), sound.verdict, sound.limit, f"{text}; {_taken(found, q, sound)}", sound.tried)
+    text = f"with {_overrides_text(overrides)}: {sound.statement.removeprefix(sound.law + ' ').split('. ')[0]}"
+    return Counterpart(
+        dict(overrides), sound.verdict, sound.limit, f"{text}; {_shift_text(found, q, sound)}", sound.tried
+    )
 
 
-def _taken(found: Found, q: Question, sound: Found) -> str:
+def _shift_text(found: Found, q: Question, sound: Found) -> str:
     """Return a sentence about the shift of the limit caused by the fault or disturbance."""
     if found.limit is None or sound.limit is None:
         same = found.verdict == sound.verdict
@@ -252,11 +254,11 @@ def _taken(found: Found, q: Question, sound: Found) -> str:
 def answer_fixed(found: Found, runs: Tried, overrides: Mapping[str, Any]) -> Counterpart:
     """Return the result for a baseline without a search: success rate, and medians of the metrics in the condition."""
     medians = "".join(f", median {name} {value:.3g}" for name, value in runs.medians.items())
-    text = f"with {_shown(overrides)}: {runs.share} succeed{medians}"
+    text = f"with {_overrides_text(overrides)}: {runs.share} succeed{medians}"
     if found.verdict == "always_fails" and not runs.holds:
         text += "; it also fails without the disturbance"
     return Counterpart(dict(overrides), "fixed", None, text, (runs,))
 
 
-def _shown(overrides: Mapping[str, Any]) -> str:
+def _overrides_text(overrides: Mapping[str, Any]) -> str:
     return ", ".join(f"{key}={value}" for key, value in overrides.items())

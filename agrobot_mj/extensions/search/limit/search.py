@@ -35,7 +35,7 @@ from agrobot_mj.extensions.search.limit.question import (
     check,
     laws,
 )
-from agrobot_mj.metrics.success import error_of, is_error, succeeded
+from agrobot_mj.metrics.success import error_of, is_error, is_success
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.studies import RunTasks, Task, about, check_tractors, study, write_json
 from agrobot_mj.studies.engine.tasks import WALL
@@ -75,7 +75,7 @@ def _beside(
     if searchable(sound, q, overrides):
         tried = _Search(sound, q, condition, do, lambda tried: None).run()
         return answer_beside(found, q, answer(found.law, q, tried), overrides)
-    runs = _driven(sound, {}, 0, max(q.seeds, SHOWN_RUNS), do)
+    runs = _run_seeds(sound, {}, 0, max(q.seeds, SHOWN_RUNS), do)
     return answer_fixed(found, judge(q.start, runs, q, condition), overrides)
 
 
@@ -143,14 +143,14 @@ class _Search:
 
     def _drive(self, value: float, count: int) -> None:
         runs = self.runs.setdefault(value, [])
-        runs += _driven(self.scenario, {self.q.key: value}, len(runs), count, self.do)
+        runs += _run_seeds(self.scenario, {self.q.key: value}, len(runs), count, self.do)
         self.tried[value] = judge(value, runs, self.q, self.condition)
 
     def _value(self, value: float) -> float:
         return as_value(self.scenario, self.q.key, value)
 
 
-def _driven(scenario: Scenario, overrides: dict[str, Any], first: int, count: int, do: RunTasks) -> list[Numbers]:
+def _run_seeds(scenario: Scenario, overrides: dict[str, Any], first: int, count: int, do: RunTasks) -> list[Numbers]:
     seeds = range(scenario.seed + first, scenario.seed + first + count)
     task = Task.of(scenario)
     return [*do([task._replace(overrides={**overrides, "seed": seed}) for seed in seeds])]
@@ -172,7 +172,7 @@ def judge(value: float, runs: Sequence[Numbers], q: Question, condition: Conditi
         holds=rate >= q.reliability,
         certain=low >= q.reliability or high < q.reliability,
         outcomes=dict(Counter(str(run["outcome"]) for run in counted)),
-        unexpected=sum(not succeeded(run) for run in counted),
+        unexpected=sum(not is_success(run) for run in counted),
         independent=independent,
         medians={name: median(values) for name in condition.compared if (values := _values(name, counted))},
     )

@@ -9,7 +9,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.randomness import stream
 from agrobot_mj.extensions.search.closeness import Closeness, Rises
 from agrobot_mj.extensions.search.limit.condition import Condition
-from agrobot_mj.extensions.search.risk.splitting import RiskQuestion, Split, Wanted, split
+from agrobot_mj.extensions.search.risk.splitting import RiskQuestion, Split, Wanted, split_paths
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.branching import EVERY, Branch
 from agrobot_mj.studies import Row, RunTasks, Task
@@ -54,7 +54,7 @@ class Population:
         self.split: Split | None = None
         self._seeds = iter(range(scenario.seed + number * q.particles, scenario.seed + (number + 1) * q.particles))
         random = stream(scenario.seed, f"risk.{number}")
-        self._work: Generator[list[Wanted[Run]], list[Run], Split] = split(q.particles, q.worst, q.least, random)
+        self._work: Generator[list[Wanted[Run]], list[Run], Split] = split_paths(q.particles, q.worst, q.least, random)
         self._given: list[Run | None] = []
         self._branched = 0
         self._want(next(self._work))
@@ -102,7 +102,7 @@ def populations(
             raise ScenarioError(
                 f"{scenario.name}: every run raised an error, so the risk is unknown; fix this error: {errors[0]}"
             )
-        driven = iter([_run(*one, row, condition) for one, row in zip(due, rows, strict=True)])
+        driven = iter([_run_of_row(*one, row, condition) for one, row in zip(due, rows, strict=True)])
         for each in going:
             each.take([next(driven) for _ in each.due])
             if each.split:
@@ -110,7 +110,7 @@ def populations(
     return found
 
 
-def _run(seed: int, branches: tuple[Branch, ...], numbers: Row, condition: Condition) -> Run:
+def _run_of_row(seed: int, branches: tuple[Branch, ...], numbers: Row, condition: Condition) -> Run:
     rises = tuple((int(tick), float(close)) for tick, close in numbers.get("rises", [[0, -inf]]))
     missing = [name for name in condition.compared if numbers.get(name) is None]
     told = numbers["expected"] or (condition.names_outcome and numbers["outcome"] != ERROR)

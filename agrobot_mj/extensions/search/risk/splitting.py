@@ -49,7 +49,7 @@ class Split(NamedTuple):
     """Number of failed paths that descend from the same initial path, for each initial path with such descendants."""
 
 
-def split(n: int, worst: int, least: float, random: Random) -> Generator[list[Wanted[P]], list[P], Split]:
+def split_paths(n: int, worst: int, least: float, random: Random) -> Generator[list[Wanted[P]], list[P], Split]:
     """Split n paths and drop at least `worst` paths per round, until more than n - `worst` paths have failed.
 
     Yields the paths to simulate and receives the simulated paths in the same order. The splitting also ends if no path
@@ -124,12 +124,12 @@ def estimate(splits: Sequence[Split], particles: int) -> RiskEstimate:
         low, high = wilson_interval(sum(split.failed for split in splits), runs, CONFIDENCE)
         return found._replace(low=low, high=high, error=sqrt(found.probability * (1 - found.probability) / runs))
     if found.probability:
-        return _widened(found, [split.weight * failed for split in splits for failed in split.families])
+        return _widen_interval(found, [split.weight * failed for split in splits for failed in split.families])
     weight = fsum(min((weight for _, weight in split.trace if weight), default=1.0) for split in splits) / n
     return found._replace(high=weight * wilson_interval(0, n * particles, CONFIDENCE)[1])
 
 
-def _widened(found: RiskEstimate, families: Sequence[float]) -> RiskEstimate:
+def _widen_interval(found: RiskEstimate, families: Sequence[float]) -> RiskEstimate:
     """Return an estimate whose interval also contains a Poisson interval for the number of independent families.
 
     A family contains the failed paths with the same initial path, which share the values drawn once per run. If few

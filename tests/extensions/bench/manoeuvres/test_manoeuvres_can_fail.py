@@ -129,7 +129,9 @@ def test_size_check_detects_tyres_and_cylinder_of_another_machine_size(monkeypat
     monkeypatch.setattr(size, "MASSES_KG", (700.0, 2000.0))
     monkeypatch.setattr(size, "TYRE", small)
     weak = Cylinder(relief_pressure_bar=5.0)
-    monkeypatch.setattr(size, "grown", lambda mass, grown=size.grown: grown(mass)._replace(cylinder=weak))
+    monkeypatch.setattr(
+        size, "tractor_of_mass", lambda mass, grown=size.tractor_of_mass: grown(mass)._replace(cylinder=weak)
+    )
     assert failures(size) >= {
         "mean crab angle, 5 deg, 2 t",
         "peak force divided by static load, front, 2 t",

@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 from scipy.stats import t as student
 
-from agrobot_mj.extensions.logs.identify.fit import SLOW_S, VehicleFit, _bootstrap, noise_of, whitened
+from agrobot_mj.extensions.logs.identify.fit import SLOW_S, VehicleFit, _bootstrap, noise_of, whiten
 from agrobot_mj.extensions.logs.identify.model import Chassis2
 from agrobot_mj.extensions.logs.identify.vehicle import vehicle_quantities
 from agrobot_mj.extensions.logs.identify.windows import WINDOW_S, prepare
@@ -82,7 +82,7 @@ def test_noise_model_is_autoregressive_and_finite_for_zero_residuals():
     found = noise_of(x[:, 10:], 0.1)
     assert found.coefficients[:2] == pytest.approx([0.6, 0.0], abs=0.03)
     assert found.sigma == pytest.approx(0.3, rel=0.02)
-    white = whitened(x[:, 10:], found)
+    white = whiten(x[:, 10:], found)
     assert white.std() == pytest.approx(1.0, rel=0.02)
     assert abs(np.corrcoef(white[:, 1:].ravel(), white[:, :-1].ravel())[0, 1]) < 0.03
-    assert not whitened(np.zeros((2, 50)), noise_of(np.zeros((2, 50)), 0.1)).any()
+    assert not whiten(np.zeros((2, 50)), noise_of(np.zeros((2, 50)), 0.1)).any()

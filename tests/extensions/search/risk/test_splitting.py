@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from agrobot_mj.extensions.search.risk.splitting import Split, estimate, split
+from agrobot_mj.extensions.search.risk.splitting import Split, estimate, split_paths
 
 
 class Walk(NamedTuple):
@@ -44,7 +44,7 @@ class Process(NamedTuple):
 
     def estimate(self, n, worst, seed, least=1e-12):
         random = np.random.default_rng(seed)
-        work = split(n, worst, least, random)
+        work = split_paths(n, worst, least, random)
         wanted = next(work)
         while True:
             try:
@@ -144,7 +144,7 @@ def test_interval_is_wider_if_one_family_dominates():
 @pytest.mark.parametrize("seed", range(4))
 def test_families_count_the_failed_paths_of_each_initial_path(seed):
     """Of four initial paths, only the first two rise, and all copies of them fail."""
-    work = split(4, 2, 1e-9, np.random.default_rng(seed))
+    work = split_paths(4, 2, 1e-9, np.random.default_rng(seed))
     next(work)
     failed = Walk(np.array([0.0, 9.0]), 9.0)
     wanted = work.send([Walk(np.array([0.0, top]), 9.0) for top in (5.0, 6.0, 1.0, 1.0)])
