@@ -44,7 +44,9 @@ from agrobot_mj.simulation.run import run
 Keys = tuple[tuple[str, Any], ...]  # Overrides of a scenario by dotted key
 LAWS, TURNS = ("lqr", "stanley", "kinematic"), ("omega", "bulb", "clothoid", "k")
 FIELD_LAWS = ("lqr", "stanley", "pure_pursuit")
-"""Laws of the table of fields. `kinematic` is stopped on the first reverse segment of all four fields."""
+"""Laws of the table of fields."""
+FORWARD_LAWS = ("feedforward", "kinematic")
+"""Laws that do not follow a path in reverse; their plans of fields have no reverse segments."""
 WIDTHS_M = {"riding": 1.5, "robot": 2.0, "orchard": 2.5, "compact": 3.0, "utility": 4.0, "row_crop": 6.0}
 """Working width of each machine in the table of machines [m]. Assumed values."""
 ALL_LAWS = ("lqr", "nmpc", "stanley", "pure_pursuit", "feedforward", "kinematic")
@@ -119,10 +121,12 @@ class Drive(NamedTuple):
     keys: Keys
 
 
-def driven(field: Field, drive: Drive, options: Options, keys: Keys) -> tuple[Log, FieldDrive]:
+def driven(
+    field: Field, drive: Drive, options: Options, keys: Keys, forward_only: bool = False
+) -> tuple[Log, FieldDrive]:
     """Plan a field without the overrides `keys`, simulate the plan with these overrides, and return the log and its
     evaluation."""
-    base, rig, plan = planned(field, drive.width, drive.keys, options)
+    base, rig, plan = planned(field, drive.width, drive.keys, options, forward_only)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "field_plan.json"
         file.write_text(json.dumps(to_json(plan)), encoding="utf-8")
@@ -133,11 +137,13 @@ def driven(field: Field, drive: Drive, options: Options, keys: Keys) -> tuple[Lo
 
 
 @lru_cache(maxsize=8)
-def planned(field: Field, width: float, keys: Keys, options: Options) -> tuple[Scenario, FieldMachine, Plan]:
+def planned(
+    field: Field, width: float, keys: Keys, options: Options, forward_only: bool
+) -> tuple[Scenario, FieldMachine, Plan]:
     """Return the scenario for planning, the data of its machine, and the plan of a field."""
     path = {"transition": "none" if options.turn == "omega" else "clothoid", "speed_m_s": 2.0}
     base = planning_scenario(field.name, path, dict(keys))
-    rig = rig_of(base, width)
+    rig = rig_of(base, width, forward_only=forward_only)
     return base, rig, make_plan(field, rig, options)
 
 
@@ -223,7 +229,7 @@ def worked(job: tuple[Drive, str, Keys]) -> Row:
     field = read_field(Path(file)) if file else Field(drive.place, OWN[drive.place])
     row = {**drive._asdict(), "area_m2": field.boundary.area}
     try:
-        log, drove = driven(field, drive, Options(), unknown)
+        log, drove = driven(field, drive, Options(), unknown, drive.law in FORWARD_LAWS)
     except ScenarioError as error:
         return {**row, "ends": "refused", "expected": False, "reason": str(error)}
     row |= {"ends": log.outcome, "expected": log.as_expected, "reason": log.metrics.get("stop_reason")}

@@ -20,6 +20,7 @@ from agrobot_mj.extensions.fields.options import (
     FieldName,
     Headlands,
     LookAhead,
+    NoReverse,
     Order,
     Overlap,
     PlanWidth,
@@ -52,6 +53,7 @@ def field_plan(
     headlands: Headlands = None,
     beyond: Beyond = 0.0,
     turn: Turn = "clothoid",
+    no_reverse: NoReverse = False,
     order: Order = "boustrophedon",
     angle: Angle = None,
     along: Along = None,
@@ -74,7 +76,7 @@ def field_plan(
     from agrobot_mj.simulation.results import results
 
     field = _field(file, crs, name, quiet)
-    base, rig = _rig(field, width, overlap, turn, speed, radius, overrides(sets))
+    base, rig = _rig(field, width, overlap, turn, speed, radius, overrides(sets), no_reverse)
     plan = _plan(field, rig, headlands, turn, order, _frame(field, base, angle, along), sections, beyond)
     folder = results_folder(out, f"plan-{field.name}")
     with results(folder, PLAN_FILES):
@@ -92,6 +94,7 @@ def field_run(
     headlands: Headlands = None,
     beyond: Beyond = 0.0,
     turn: Turn = "clothoid",
+    no_reverse: NoReverse = False,
     order: Order = "boustrophedon",
     angle: Angle = None,
     along: Along = None,
@@ -136,7 +139,7 @@ def field_run(
     field = _field(file, crs, name, quiet)
     stored = stored_plan(plan_file) if plan_file else None
     worked = width or (stored.width if stored else DEFAULT_WIDTH_M)
-    base, rig = _rig(field, worked, stored.overlap if stored else overlap, turn, speed, radius, given)
+    base, rig = _rig(field, worked, stored.overlap if stored else overlap, turn, speed, radius, given, no_reverse)
     if out is not None:
         check_folder(out, (*files_of_run(base), *FILES))
     if plan_file is None:
@@ -163,7 +166,14 @@ def _field(file: Path, crs: str, name: str, quiet: bool) -> "Field":
 
 
 def _rig(
-    field: "Field", width: float, overlap: float, turn: str, speed: float, radius: float | None, given: dict[str, Any]
+    field: "Field",
+    width: float,
+    overlap: float,
+    turn: str,
+    speed: float,
+    radius: float | None,
+    given: dict[str, Any],
+    forward_only: bool,
 ) -> "tuple[Scenario, FieldMachine]":
     """Return the scenario for planning, and the machine data for the planner. The path of this scenario contains the
     turn radius, the transition type and the speed of the plan."""
@@ -179,7 +189,7 @@ def _rig(
     if radius is not None:
         path["turn_radius_m"] = radius
     base = planning_scenario(field.name, path, given)
-    return base, rig_of(base, width, overlap)
+    return base, rig_of(base, width, overlap, forward_only)
 
 
 def _frame(field: "Field", base: "Scenario", angle: float | None, along: str | None) -> "SwathFrame | None":

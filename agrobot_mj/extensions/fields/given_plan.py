@@ -56,6 +56,10 @@ def _check(plan: Plan, name: str, rig: FieldMachine) -> None:
     """Raise `ScenarioError` if the machine differs from the plan in working width, or cannot follow a bend."""
     if abs(plan.width - rig.width) > SAME_M:
         raise ScenarioError(f"--width {rig.width:g}: the plan {name} is for a width of {plan.width:g} m; omit --width")
+    if rig.forward_only and (plan.course.directions < 0).any():
+        raise ScenarioError(
+            f"--plan {name}: has reverse segments, which --no-reverse and drawn implements exclude; make another plan"
+        )
     place = plan.course.sharpest()
     if (peak := float(plan.course.peaks.max())) * rig.tightest > 1.0:
         raise ScenarioError(
@@ -134,7 +138,7 @@ def _leg_course(leg: Leg, number: int, rig: FieldMachine) -> tuple[Pose, tuple[P
 
 def _shortest_connection(pose: Pose, begin: Pose, number: int, rig: FieldMachine) -> tuple[Piece, ...]:
     """Return the shortest connection from the end of a leg to the start of the next leg."""
-    words = FORWARD if rig.drawn else (*FORWARD, *REVERSING)
+    words = FORWARD if rig.forward_only else (*FORWARD, *REVERSING)
     if found := connections(pose, begin, rig.bends, words):
         return found[0]
     raise ValueError(f"leg {number}: the machine cannot reach this leg from the previous leg; add a turn")

@@ -35,6 +35,9 @@ Beyond = Annotated[
     float, typer.Option(min=0, max=20, callback=finite, help="Distance by which turns may leave the field [m].")
 ]
 Turn = Annotated[Literal["omega", "bulb", "clothoid", "k"], typer.Option(help=f"Preferred turn ({PAGE}).")]
+NoReverse = Annotated[
+    bool, typer.Option("--no-reverse", help="Plan without reverse segments, as for drawn implements.")
+]
 Order = Annotated[Literal["boustrophedon", "skip"], typer.Option(help="Order of the swaths.")]
 
 

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.resources import stamp_of
 from agrobot_mj.extensions.fields.coverage import areas
 from agrobot_mj.extensions.fields.field import Field
+from agrobot_mj.extensions.fields.given_plan import given_plan
 from agrobot_mj.extensions.fields.plan import MAX_BYTES, plan_of, to_json
 from agrobot_mj.extensions.fields.plan_path import FieldPlan
 from agrobot_mj.extensions.fields.planned import planned_coverage
@@ -20,11 +22,12 @@ from agrobot_mj.extensions.fields.planner.area import SWING_M, TOLERANCE_M, area
 from agrobot_mj.extensions.fields.planner.joins import _turns, depth_of_turn, join
 from agrobot_mj.extensions.fields.planner.leaving import Leaving
 from agrobot_mj.extensions.fields.planner.planning import Options, make_plan
-from agrobot_mj.extensions.fields.planner.rig import tractor_poses
+from agrobot_mj.extensions.fields.planner.rig import outline_of, tractor_poses
 from agrobot_mj.extensions.fields.planner.swaths import SwathFrame
 from agrobot_mj.extensions.fields.planner.words import end_of
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.track import chain
+from agrobot_mj.scenario.loading import load_scenario
 
 
 def planned(plan, field, sections=1):
@@ -185,12 +188,21 @@ def test_short_headland_lap_around_a_narrow_part_is_omitted_with_a_warning():
     assert planned(plan, Field("neck", neck))["body"]["missed_percent"] < 0.05
 
 
-def test_plan_for_a_drawn_implement_has_no_reverse_segments():
-    assert (default_plan(HOLE).course.directions < 0).any()
-    rig = replace(machine(), drawn=True)
+def test_forward_only_plan_has_no_reverse_segments():
+    reversing = default_plan(HOLE)
+    assert (reversing.course.directions < 0).any()
+    rig = replace(machine(), forward_only=True)
     assert (make_plan(HOLE, rig, Options()).course.directions > 0).all()
-    with pytest.raises(ScenarioError, match="--turn k: a drawn implement"):
+    with pytest.raises(ScenarioError, match="--turn k: has a reverse segment, which --no-reverse"):
         make_plan(HOLE, rig, Options(turn="k"))
+    with pytest.raises(ScenarioError, match=r"--plan old\.json: has reverse segments, which --no-reverse"):
+        given_plan(Path("old.json"), reversing, HOLE, rig, 1)
+
+
+def test_machine_with_a_drawn_implement_plans_forward_only():
+    keys = {"implement": {"kind": "drawn"}}
+    assert outline_of(load_scenario("straight_line", keys), 3.0).forward_only
+    assert not outline_of(load_scenario("straight_line", {}), 3.0).forward_only
 
 
 def test_turn_radius_below_the_minimum_of_the_machine_is_rejected():

@@ -95,12 +95,12 @@ def _tiers(area: Area, start: Pose, goal: Pose, shape: Shape) -> Iterator[Iterat
 
 def _others(start: Pose, goal: Pose, rig: FieldMachine, opposite: bool) -> Iterator[Pieces]:
     """Yield forward connections between two poses, also with larger radii for wide implements, and then connections
-    with a reverse segment, except for drawn implements."""
+    with a reverse segment unless the machine only drives forward."""
     bends = rig.bends
     yield from connections(start, goal, bends)[:FORWARD_TRIED]
     for factor in GENTLE:
         yield from connections(start, goal, bends._replace(radius=factor * bends.radius))[:1]
-    if rig.drawn:
+    if rig.forward_only:
         return
     if opposite:
         yield from _turns(start, goal, "k", bends)

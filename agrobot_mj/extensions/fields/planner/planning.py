@@ -188,8 +188,10 @@ def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
     If the number of laps is not given, laps are added until the turns stay inside the field. If the machine extends too
     far beyond the boundary on laps, a margin moves the outermost lap inwards.
     """
-    if rig.drawn and options.turn == "k":
-        raise ScenarioError("--turn k: a drawn implement jackknifes in reverse; use omega, bulb or clothoid")
+    if rig.forward_only and options.turn == "k":
+        raise ScenarioError(
+            "--turn k: has a reverse segment, which --no-reverse and drawn implements exclude; use another turn"
+        )
     first = DEFAULT_HEADLANDS if options.headlands is None else options.headlands
     work = _work(field, rig, options, first)
     found, count, margin = work.leaving, first, 0.0

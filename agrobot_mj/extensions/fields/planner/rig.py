@@ -32,7 +32,8 @@ class FieldMachine:
     tightest: float  # Minimum turn radius of the CG [m]
     path: Swaths  # Path whose keys define the bends of the machine: radius, speed and steering rate
     overlap: float = 0.0  # Planned overlap between neighbouring passes [m]
-    drawn: bool = False  # Whether the implement has its own axle behind a pin, so that it jackknifes in reverse
+    forward_only: bool = False
+    """Whether plans contain no reverse segments, on request or for an implement behind a pin, which would jackknife."""
 
     @property
     def spacing(self) -> float:
@@ -107,7 +108,7 @@ def _boxes(x: Array, y: Array, yaw: Array, front: float, rear: float, side: floa
     return found
 
 
-def rig_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachine:
+def rig_of(scenario: Scenario, width: float, overlap: float = 0.0, forward_only: bool = False) -> FieldMachine:
     """Return the dimensions and turn limits of the machine in a scenario whose path has the kind `swaths`.
 
     Raise `ScenarioError` for another kind of path, or if the turn radius is too small for the machine.
@@ -122,10 +123,10 @@ def rig_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachi
             f"--radius {path.turn_radius_m:g}: the machine {scenario.machine} has a minimum radius of "
             f"{tractor.tightest_radius / MAX_CURVATURE_FRACTION:.2f} m; set a larger radius"
         )
-    return outline_of(scenario, width, overlap)
+    return outline_of(scenario, width, overlap, forward_only)
 
 
-def outline_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachine:
+def outline_of(scenario: Scenario, width: float, overlap: float = 0.0, forward_only: bool = False) -> FieldMachine:
     """Return the dimensions and turn limits of the machine in a scenario with any kind of path."""
     tractor = scenario.tractor
     hitched = scenario.implement.hitched(tractor)
@@ -140,5 +141,5 @@ def outline_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldM
         tightest=tractor.tightest_radius,
         path=cast(Swaths, scenario.path),
         overlap=overlap,
-        drawn=scenario.implement.towed(tractor).length > 0.0,
+        forward_only=forward_only or scenario.implement.towed(tractor).length > 0.0,
     )
