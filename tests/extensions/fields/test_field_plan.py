@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from agrobot_mj.extensions.fields.given_plan import given_plan
 from agrobot_mj.extensions.fields.plan import MAX_BYTES, plan_of, to_json
 from agrobot_mj.extensions.fields.plan_path import FieldPlan
 from agrobot_mj.extensions.fields.planned import planned_coverage
+from agrobot_mj.extensions.fields.planner import planning
 from agrobot_mj.extensions.fields.planner.area import SWING_M, TOLERANCE_M, area_of, body_of, whole_of
 from agrobot_mj.extensions.fields.planner.joins import _turns, depth_of_turn, join
 from agrobot_mj.extensions.fields.planner.leaving import Leaving
@@ -140,6 +142,19 @@ def test_machine_stays_inside_the_field_with_default_headlands(field, width):
 def test_error_for_too_shallow_a_headland_gives_the_required_depth(headlands):
     with pytest.raises(ScenarioError, match=f"--headlands {headlands}: .*use at least 3 laps \\(9 m\\)"):
         make_plan(RECTANGLE, machine(), Options(headlands=headlands))
+
+
+def test_margin_replaces_headland_laps_that_do_not_fit(monkeypatch):
+    excess = {(2, 0.0): 1.5, (3, 0.0): 0.4, (3, 0.42): 0.0}
+
+    def work(field, rig, options, laps, margin):
+        if (laps, margin) not in excess:
+            raise ScenarioError("too narrow")
+        return SimpleNamespace(leaving=SimpleNamespace(laps=0.0, turns=excess[laps, margin]))
+
+    monkeypatch.setattr(planning, "_work", work)
+    found = planning._attempts(RECTANGLE, machine(), Options(), 2)
+    assert [(each.laps, each.margin) for each in found] == list(excess)
 
 
 def test_permitted_excursion_beyond_the_boundary_gives_a_warning():

@@ -4,7 +4,8 @@ A cell is a group of adjacent swaths. After each cell, the planner continues wit
 connection. The machine can follow every plan. Plans are complete, but not optimal.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from functools import cached_property
 from math import ceil, degrees, hypot, pi
 from typing import NamedTuple
@@ -28,7 +29,9 @@ from agrobot_mj.paths.track import Course, Piece
 
 LAP_STARTS = 24  # Number of evaluated points of a ring at which a lap may start
 DEFAULT_HEADLANDS = 2  # Default number of headland laps, which is increased if the turns need more space
-TRIES = 6  # Maximum number of attempts with additional laps or a wider margin
+TRIES = 6  # Maximum number of further attempts with additional laps, or with the margin that laps need
+WIDER = 3  # Maximum number of attempts with a margin for turns
+SMALLER = "a smaller --radius or --width"
 MARGIN_STEP_M = 0.02  # Amount added to an excess distance beyond the boundary to obtain the increase of the margin [m]
 CLOSE_M = 1e-3  # Distance below which two poses count as equal [m]
 GOALS_TRIED = 6  # Number of possible starts of the next pass, nearest first, to which connections are computed
@@ -182,48 +185,79 @@ def _pose(layout: Pattern, swath: Swath, forth: bool) -> Pose:
     return pose if forth else pose._replace(yaw=pose.yaw + pi)
 
 
+class _Attempt(NamedTuple):
+    """Plan with a number of headland laps and a margin along the boundary [m]."""
+
+    work: _Work
+    laps: int
+    margin: float
+
+    @property
+    def inside(self) -> bool:
+        """Whether the machine stays inside the field."""
+        return not max(self.work.leaving.laps, self.work.leaving.turns)
+
+
 def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
     """Return the plan of a field. Raise `ScenarioError` if no plan stays inside the field.
 
     If the number of laps is not given, laps are added until the turns stay inside the field. If the machine extends too
-    far beyond the boundary on laps, a margin moves the outermost lap inwards.
+    far beyond the boundary on laps, or more laps do not help, a margin moves the outermost lap inwards.
     """
     if rig.forward_only and options.turn == "k":
         raise ScenarioError(
             "--turn k: has a reverse segment, which --no-reverse and drawn implements exclude; use another turn"
         )
     first = DEFAULT_HEADLANDS if options.headlands is None else options.headlands
-    work = _work(field, rig, options, first)
-    found, count, margin = work.leaving, first, 0.0
-    worst = found
-    for _ in range(TRIES):
-        if not max(found.laps, found.turns):
-            break
-        if found.laps:
-            margin = round(margin + found.laps + MARGIN_STEP_M, 2)
-        else:
-            count += ceil(found.turns / rig.spacing)
-        try:
-            work = _work(field, rig, options, count, margin)
-        except ScenarioError:
-            break
-        found = work.leaving
-        worst = worst if worst.turns or not found.turns else found
-    inside = not max(found.laps, found.turns)
-    if not inside or (options.headlands is not None and count > first):
-        remedy = f"at least {count} laps ({count * rig.spacing:g} m)" if inside else "a smaller --radius or --width"
+    tried = list(_attempts(field, rig, options, first))
+    last = tried[-1]
+    if not last.inside or (options.headlands is not None and last.laps > first):
+        worst = next((each for each in tried if each.work.leaving.turns), tried[0]).work.leaving
+        remedy = f"at least {last.laps} laps ({last.laps * rig.spacing:g} m)" if last.inside else SMALLER
         raise ScenarioError(
             f"--headlands {first}: the machine would leave the field by {worst.largest} in its turns; use {remedy}, "
             "or allow this distance with --beyond"
         )
-    notes = (
-        [f"the plan has {count} headland laps instead of {first}, so that turns stay inside"] if count > first else []
-    )
-    if margin:
+    notes = []
+    if last.laps > first:
+        notes.append(f"the plan has {last.laps} headland laps instead of {first}, so that turns stay inside")
+    if last.margin:
         notes.append(
-            f"the plan keeps {margin:.2f} m from the boundary, so that the implement stays inside on headland laps"
+            f"the plan keeps {last.margin:.2f} m from the boundary, so that tractor and implement stay inside the field"
         )
-    return work.plan(field.name, count, margin, notes)
+    return last.work.plan(field.name, last.laps, last.margin, notes)
+
+
+def _attempts(field: Field, rig: FieldMachine, options: Options, first: int) -> Iterator[_Attempt]:
+    """Yield plans with increasing laps and margins, up to the first plan that stays inside the field.
+
+    If more laps do not lead to such a plan, the plans are repeated with margins that are wider by the excess of their
+    turns, smallest excess first.
+    """
+    tried: list[_Attempt] = []
+    laps, margin = first, 0.0
+    while len(tried) <= TRIES:
+        try:
+            now = _Attempt(_work(field, rig, options, laps, margin), laps, margin)
+        except ScenarioError:
+            if not tried:
+                raise
+            break
+        yield now
+        if now.inside:
+            return
+        tried.append(now)
+        left = now.work.leaving
+        if left.laps:
+            margin = round(margin + left.laps + MARGIN_STEP_M, 2)
+        else:
+            laps += ceil(left.turns / rig.spacing)
+    for each in sorted(tried, key=lambda each: (each.work.leaving.laps, each.work.leaving.turns))[:WIDER]:
+        margin = round(each.margin + each.work.leaving.turns + MARGIN_STEP_M, 2)
+        with suppress(ScenarioError):
+            yield (wider := _Attempt(_work(field, rig, options, each.laps, margin), each.laps, margin))
+            if wider.inside:
+                return
 
 
 def _work(field: Field, rig: FieldMachine, options: Options, headlands: int, margin: float = 0.0) -> _Work:
