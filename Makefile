@@ -109,25 +109,25 @@ soak: $(DEV_STAMP) ## Learn for 1e7 ticks, work for 24 h of simulated time, driv
 	@$(PY) tests/soak.py work
 	@$(PY) tests/soak.py link
 
-findings: $(DEV_STAMP) ## Run what docs/findings.md lacks (a day for all; STUDY=claims for one), and write its tables and figures
+findings: $(DEV_STAMP) ## Run what docs/findings.md lacks (hours for all; STUDY=claims for one), and write its tables and figures
 	@$(PY) scripts/pages.py findings $(STUDY)
 
-estimators: $(DEV_STAMP) ## Drive and replay with every estimator and write docs/reference/estimators_tables.md (half an hour)
+estimators: $(DEV_STAMP) ## Drive and replay with every estimator and write docs/reference/estimators_tables.md (minutes)
 	@$(PY) scripts/pages.py estimators $(STUDY)
 
-gains: $(DEV_STAMP) ## Search gains that docs/tuning lacks, repeat the search from the default gains, and write their tables (two hours)
+gains: $(DEV_STAMP) ## Search gains that docs/tuning lacks, repeat the search from the default gains, and write their tables (20 minutes)
 	@$(PY) scripts/pages.py gains $(STUDY)
 
 acquisition: $(DEV_STAMP) ## Let the path followers come onto a line from beside it, and write docs/reference/guidance_tables.md
 	@$(PY) scripts/pages.py acquisition $(STUDY)
 
-machines: $(DEV_STAMP) ## Drive every scenario on every machine (half an hour), and write docs/machines.md's exceptions
+machines: $(DEV_STAMP) ## Drive every scenario on every machine (10 minutes), and write docs/machines.md's exceptions
 	@$(PY) scripts/pages.py machines $(STUDY)
 
 fields: $(DEV_STAMP) ## Drive turns and fields with guidance errors (an hour), and write docs/extensions/fields/field_studies.md
 	@$(PY) scripts/pages.py fields $(STUDY)
 
-safety: $(DEV_STAMP) ## Fail sensors and actuators one by one (an hour; STUDY=receivers for receivers), and write docs/safety.md
+safety: $(DEV_STAMP) ## Fail sensors and actuators one by one (10 minutes; STUDY=receivers for receivers), and write docs/safety.md
 	@$(PY) scripts/pages.py safety $(STUDY)
 
 library: $(DEV_STAMP) ## Run every scenario and write the gallery, docs/reference/library.md, again

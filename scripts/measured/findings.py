@@ -1,6 +1,6 @@
 """Page docs/findings.md with its tables: claims of the paper, laws, limits, importance of parameters, learning laws.
 
-The whole study takes a day on two cores. The same command continues an interrupted study.
+The whole study takes hours. The same command continues an interrupted study.
 """
 
 import shutil
