@@ -77,8 +77,6 @@ def commands_page() -> str:
     lines.append("expected outcome, 1 for another outcome or a full disk, 2 for bad input, 130 for an interrupt.\n")
     group: Any = typer.main.get_command(app)
     for name, command in group.commands.items():
-        if command.hidden:
-            continue
         lines += [f"## `{name}`\n", f"{inspect.cleandoc(command.help or '')}\n", *_usage(name, command), ""]
     return "\n".join(lines)
 

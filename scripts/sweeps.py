@@ -24,8 +24,8 @@ from agrobot_mj.core.identity import PROGRAM, code_text
 from agrobot_mj.core.resources import sweep_files
 from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.results import write_json
-from agrobot_mj.studies.engine import pool_map
-from agrobot_mj.studies.sweep import SweepOptions, sweep
+from agrobot_mj.studies.engine.workers import pool_map
+from agrobot_mj.studies.sweep.runner import SweepOptions, sweep
 from agrobot_mj.studies.sweep.store import TABLE, read_rows
 
 Row = dict[str, Any]

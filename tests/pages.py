@@ -7,7 +7,7 @@ import pytest
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.simulation.results import claim
-from agrobot_mj.studies.pages import write_report
+from agrobot_mj.studies.pages.report import write_report
 
 
 def page_of(folder):

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from agrobot_mj.studies.sweep import read_sweep
 from agrobot_mj.studies.sweep.plan import SweepPlan
+from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.store import Store
 
 

@@ -28,7 +28,7 @@ def test_every_command_has_examples_in_its_help(call, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     assert set(LISTED) == set(COMMANDS)
     for name, each in LISTED.items():
-        assert each.examples or each.now
+        assert each.examples
         _, out, _ = call(*name.split(), "--help")
         shown = " ".join(out.partition("Examples:")[2].replace("\\\n", " ").split())
         assert shown == " ".join(f"agrobot-mj {text}" for text in each.examples)
@@ -77,19 +77,19 @@ def test_help_lists_basic_commands_in_panels(call, monkeypatch):
     _, out, _ = call("--help-all")
     everything = listed(out)
     assert everything["Run"] == ["run", "view", "snapshot", *(name for name in ("play",) if name in LISTED)]
-    assert sorted(name for names in everything.values() for name in names) == sorted(
-        name for name, each in LISTED.items() if not each.now
-    )
+    assert sorted(name for names in everything.values() for name in names) == sorted(LISTED)
     assert all(set(names) <= set(everything[panel]) for panel, names in first.items())
 
 
-@pytest.mark.parametrize("name", [name for name, each in LISTED.items() if each.now])
-def test_error_for_a_former_command_names_the_new_command(call, name):
-    _, out, err = call(name, "nowhere")
-    assert out == ""
-    assert err.startswith(f"{name}: use `agrobot-mj {LISTED[name].now}`")
-    verb, words = split_command(LISTED[name].now.split())
-    assert COMMANDS[verb].make_context(verb, words).args == []
+@pytest.mark.parametrize(
+    ("former", "now"), [pair for each in LISTED.values() for pair in each.former.items()], ids=lambda part: part
+)
+def test_former_command_runs_the_new_command_and_names_it(call, former, now):
+    name, *flags = former.split()
+    status, out, err = call(name, "nowhere", *flags)
+    notice, _, said = err.partition("\n")
+    assert notice == f"{former}: use `agrobot-mj {now}`; this command will be removed in the next version"
+    assert (status, out, said) == call(*now.split(), "nowhere")
 
 
 @pytest.mark.parametrize("option", ["--out", "--jobs", "--seeds"])
@@ -98,6 +98,6 @@ def test_each_shared_option_has_the_same_help_in_every_command(option):
         (each.metavar, each.help, each.multiple)
         for command in COMMANDS.values()
         for each in command.params
-        if option in each.opts and not each.hidden
+        if option in each.opts
     }
     assert len(found) == 1, found

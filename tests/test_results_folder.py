@@ -169,8 +169,8 @@ def test_interrupted_snapshot_leaves_no_viewer_process(call, monkeypatch):
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux ends children with their parent when asked")
 def test_viewer_ends_when_its_command_is_killed():
     code = (
-        "import os, signal, sys; from agrobot_mj.recording.transport.viewer import started\n"
-        "with started((sys.executable, '-c', 'import time; time.sleep(60)'), os.environ) as viewer:\n"
+        "import os, signal, sys; from agrobot_mj.recording.transport.viewer import start_viewer\n"
+        "with start_viewer((sys.executable, '-c', 'import time; time.sleep(60)'), os.environ) as viewer:\n"
         "    print(viewer.pid, flush=True); os.kill(os.getpid(), signal.SIGKILL)"
     )
     environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[2])}

@@ -80,7 +80,7 @@ def sources(tmp_path_factory):
     (mine / "way.toml").write_text('[path]\nkind = "waypoints"\nfile = "way.csv"\n')
     (mine / "run.rrd").write_bytes(b"RRF2" + b"RRF2FOOT" + bytes(8))
     write_log(run(load_scenario("circle", {"duration_s": 1.0, "plant.kind": "bicycle"})), mine / "driven")
-    from agrobot_mj.studies.sweep import SweepOptions, sweep
+    from agrobot_mj.studies.sweep.runner import SweepOptions, sweep
 
     sweep(mine / "small.toml", mine / "swept", SweepOptions(jobs=1, quiet=True))
     return mine
@@ -129,7 +129,7 @@ def refused(status, err):
 
 
 def test_every_command_that_writes_files_is_tested():
-    commands = {name: each for name, each in get_command(cli.app).commands.items() if not each.hidden}
+    commands = get_command(cli.app).commands
     assert set(commands) == {name for name in {*WRITERS, *READERS} if is_there(name)}
     for name, command in commands.items():
         options = {option for parameter in command.params for option in parameter.opts}

@@ -159,7 +159,7 @@ def _for_option(flag: str, options: set[str], context: Any) -> str:
         place = f"{word} = {value}" if word == "seeds" else f'"{key}" = {_as_toml(value)}' if key else "its keys"
         return f"add {place} to the sweep file{'' if word == 'seeds' else ', table [set]'}"
     commands = context.parent.command.commands if context.parent else {}
-    having = [name for name, command in commands.items() if flag in _options(command) and not command.hidden]
+    having = [name for name, command in commands.items() if flag in _options(command)]
     return f"{flag} is an option of {', '.join(having)}" if having else ""
 
 

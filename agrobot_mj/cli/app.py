@@ -5,7 +5,6 @@ Extensions and installed packages add commands through entry points of the group
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from functools import wraps
 from typing import Annotated, Any
 
 import typer
@@ -46,6 +45,7 @@ CORE: Commands = {
         "report runs/sweep-mine",
         "report runs/mine --share",
         "report runs/sweep-importance --metric lateral_rms",
+        former={"importance": "report --metric xte_rms"},
     ),
     authoring.list_: help_entry("Write scenarios", "list", "list --machines", "list --kinds --json"),
     authoring.explain: help_entry("Write scenarios", "explain tractor.mass_kg", "explain terrain"),
@@ -87,22 +87,8 @@ def _add(commands: Commands) -> None:
             raise ScenarioError(f"a command {name} already exists")
         shown = given if isinstance(given, HelpEntry) else HelpEntry(given)
         command = function if function in ON_RECORDINGS else with_json(with_plugins(with_machine(function)))
-        command = _deprecated_alias(command, shown.now) if shown.now else command
-        app.command(name, epilog=epilog(shown.examples), hidden=bool(shown.now))(command)
+        app.command(name, epilog=epilog(shown.examples))(command)
         COMMANDS[name] = shown
-
-
-def _deprecated_alias(command: Callable[..., Any], now: str) -> Callable[..., Any]:
-
-    @wraps(command)
-    def begun(*given: Any, **options: Any) -> Any:
-        print(
-            f"{command.__name__}: use `agrobot-mj {now}`; this command will be removed in the next version",
-            file=sys.stderr,
-        )
-        return command(*given, **options)
-
-    return begun
 
 
 ON_RECORDINGS = (recordings.view, recordings.snapshot)

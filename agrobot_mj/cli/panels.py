@@ -1,8 +1,10 @@
 """Help text of the command line, with commands grouped in panels. Only `--help-all` lists advanced commands."""
 
 import re
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import typer
@@ -18,13 +20,16 @@ class HelpEntry(NamedTuple):
     examples: Sequence[str] = ()  # Example command lines without the program name
     panel: str = "Other commands"
     advanced: bool = False  # Whether only `--help-all` lists the command
-    now: str = ""
-    """Replacement of a deprecated command. Deprecated commands are hidden and will be removed in the next version."""
+    former: Mapping[str, str] = MappingProxyType({})
+    """Words of this command, keyed by a deprecated command with the same effect, in the form `NAME` or `NAME --flag`.
+    Deprecated commands will be removed in the next version."""
 
 
-def help_entry(panel: str, *examples: str, advanced: bool = False) -> HelpEntry:
+def help_entry(
+    panel: str, *examples: str, advanced: bool = False, former: Mapping[str, str] = MappingProxyType({})
+) -> HelpEntry:
     """Return the help entry of a command with its panel and its example command lines."""
-    return HelpEntry(examples, panel, advanced)
+    return HelpEntry(examples, panel, advanced, former)
 
 
 COMMANDS: dict[str, HelpEntry] = {}
@@ -41,6 +46,17 @@ def split_command(words: Sequence[str]) -> tuple[str, list[str]]:
     return " ".join(words[:count]), list(words[count:])
 
 
+def _present_command(args: list[str]) -> list[str]:
+    """Return a command line in which a deprecated command is replaced by the present one, and print a notice."""
+    for former, now in (pair for entry in COMMANDS.values() for pair in entry.former.items()):
+        name, *flags = former.split()
+        if args[0] == name and all(flag in args for flag in flags):
+            said = f"{former}: use `agrobot-mj {now}`; this command will be removed in the next version"
+            print(said, file=sys.stderr)
+            return [*now.split(), *(word for word in args[1:] if word not in flags)]
+    return args
+
+
 class PanelledGroup(TyperGroup):
     """Command group that lists its commands in panels and supports command names of two words."""
 
@@ -51,7 +67,7 @@ class PanelledGroup(TyperGroup):
                 place = f" after {before}" if before else ""
                 what = word.strip() or "an argument"
                 ctx.fail(f"{what} is blank{place}; check the quotes and the shell variables of the command line")
-        name, rest = split_command(args)
+        name, rest = split_command(_present_command(args))
         if parts := [each for each in COMMANDS if each.startswith(f"{name} ")]:
             if "--help" in rest:
                 formatter = ctx.make_formatter()
@@ -64,7 +80,7 @@ class PanelledGroup(TyperGroup):
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the panels of the help text. With `--help-all` advanced commands are included."""
         whole = ctx.params.get("help_all", False)
-        shown = {name: each for name, each in COMMANDS.items() if not each.now and (whole or not each.advanced)}
+        shown = {name: each for name, each in COMMANDS.items() if whole or not each.advanced}
         for panel in dict.fromkeys((*PANELS, *(each.panel for each in shown.values()))):
             if names := [name for name in shown if shown[name].panel == panel]:
                 with formatter.section(panel):

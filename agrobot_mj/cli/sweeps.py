@@ -37,8 +37,8 @@ def sweep(
     Writes sweep.parquet with one row per run. After an interruption the same command continues with the missing runs.
     """
     from agrobot_mj.studies.error_parts import table_warnings
-    from agrobot_mj.studies.sweep import SweepOptions
-    from agrobot_mj.studies.sweep import sweep as run_sweep
+    from agrobot_mj.studies.sweep.runner import SweepOptions
+    from agrobot_mj.studies.sweep.runner import sweep as run_sweep
 
     if scheduler and jobs:
         raise ScenarioError("--jobs: the option applies to processes on this machine; omit it with --scheduler")
@@ -61,7 +61,7 @@ def sweep(
 
 
 def _merge(sources: list[str], out: Path | None, quiet: bool) -> None:
-    from agrobot_mj.studies.sweep import merge_results
+    from agrobot_mj.studies.sweep.runner import merge_results
 
     folders = [Path(source) for source in sources if Path(source).is_dir()]
     files = [source for source in sources if not Path(source).is_dir()]
@@ -101,7 +101,7 @@ def report(
     and its viewer.
     """
     from agrobot_mj.simulation.progress import print_elapsed
-    from agrobot_mj.studies.pages import write_report
+    from agrobot_mj.studies.pages.report import write_report
 
     recording = recording_of(folder) if share else None
     with print_elapsed(f"{folder}: writing the report", quiet):

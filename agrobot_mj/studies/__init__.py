@@ -2,6 +2,7 @@
 
 from agrobot_mj.simulation.feasibility import check_tractors
 from agrobot_mj.simulation.results import write_json
-from agrobot_mj.studies.engine import Row, RunTasks, Task, about, study
+from agrobot_mj.studies.engine.resume import RunTasks, about, study
+from agrobot_mj.studies.engine.tasks import Row, Task
 
 __all__ = ["Row", "RunTasks", "Task", "about", "check_tractors", "study", "write_json"]

@@ -15,7 +15,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.labels import safe_names
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.feasibility import check_tractors
-from agrobot_mj.studies.engine import Task
+from agrobot_mj.studies.engine.tasks import Task
 from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import BASE, Sweep, SweepFile, SweepVariant
 

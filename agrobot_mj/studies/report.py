@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -21,7 +20,8 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.smoothing import moving_mean
 from agrobot_mj.metrics import LogLike
 from agrobot_mj.paths import sample
-from agrobot_mj.studies.style import COLOURS, PANEL_WIDTH_IN, SPARE_COLOURS, STYLE, law_name, save
+from agrobot_mj.studies import style
+from agrobot_mj.studies.style import COLOURS, PANEL_WIDTH_IN, SPARE_COLOURS, law_name
 
 SMOOTHING_S = 1.0  # Window length of the moving average of noisy signals [s]
 PATH_STEP_M, MOST_PATH_POINTS = 0.25, 20_000
@@ -53,9 +53,7 @@ Runs = Sequence[ReportedRun]
 
 def write_figures(runs: Runs, folder: Path) -> list[Path]:
     """Draw all figures for which the runs contain data, write them to `folder`, and return the files."""
-    with mpl.rc_context(STYLE):
-        drawn = {draw.__name__: draw(runs) for draw in FIGURES} if runs else {}
-        return [save(figure, folder / f"{name}.png") for name, figure in drawn.items() if figure is not None]
+    return style.write_figures(folder, FIGURES, runs) if runs else []
 
 
 def trajectory(runs: Runs) -> Figure:
@@ -255,8 +253,8 @@ def _draw_tracks(axes: Axes, runs: Runs, plant: str) -> None:
     first_end = path.turns_s[0][1] if len(path.turns_s) > 1 else -np.inf
     for run in (run for run in runs if run.plant == plant):
         t, x, y = (run.log.column(name) for name in ("t", "x", "y"))
-        for rows, style in ((t > first_end, "-"), (t <= first_end, ":")):
-            axes.plot(x[rows], y[rows], color=_colour(runs, run.law), linestyle=style)
+        for rows, dashes in ((t > first_end, "-"), (t <= first_end, ":")):
+            axes.plot(x[rows], y[rows], color=_colour(runs, run.law), linestyle=dashes)
         _mark_end(axes, runs, run, x, y)
     paths = [run.log.scenario.path for run in runs]
     for path in (path for k, path in enumerate(paths) if path not in paths[:k]):

@@ -1,6 +1,6 @@
 """Common figure style: sizes for a journal page (columns of 3.5 in, text of 8 pt), colours and law names."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +60,16 @@ def write_figure(file: Path, draw: Callable[..., Figure], *arguments: Any) -> Pa
     """Draw a figure with `draw(*arguments)` in the common style, save it, and return the file."""
     with mpl.rc_context(STYLE):
         return save(draw(*arguments), file)
+
+
+def write_figures(folder: Path, draws: Iterable[Callable[..., Figure | None]], *arguments: Any) -> list[Path]:
+    """Draw figures in the common style, and save each as a PNG file named after its function. Return the files.
+
+    A function returns None if there are no data for its figure.
+    """
+    with mpl.rc_context(STYLE):
+        drawn = {draw.__name__: draw(*arguments) for draw in draws}
+        return [save(figure, folder / f"{name}.png") for name, figure in drawn.items() if figure is not None]
 
 
 def save(figure: Figure, file: Path) -> Path:

@@ -57,14 +57,16 @@ def _ablated(rows: Sequence[Row], variant: str) -> list[str]:
 
 
 def shares(study: Study) -> Blocks:
-    from agrobot_mj.extensions.search.importance import importance, importance_table, importance_text
+    from agrobot_mj.extensions.search.importance.results import importance, importance_rows, importance_texts
 
     found = {}
     for name in ("importance", "importance_sobol"):
         if study.rows(name):
             shares = importance(study.runs / name)
-            told = importance_text(shares, "xte_rms").replace("\n", " ")
-            found[name] = f"{importance_table(shares)}\n\n{told}"
+            head, rows = importance_rows(shares)
+            table = markdown_table(head, [(f"`{key}`", *cells) for key, *cells in rows], 1)
+            told = " ".join(importance_texts(shares, "xte_rms")).replace("\n", " ")
+            found[name] = f"{table}\n\n{told}"
             shutil.copyfile(study.runs / name / "importance.png", study.images / f"{name}.png")
     return found
 

@@ -21,7 +21,7 @@ from agrobot_mj.core.palette import BLUE, LIGHT_GREY, VERMILION
 from agrobot_mj.extensions.search.limit.question import Question, check
 from agrobot_mj.extensions.search.limit.search import find_limit
 from agrobot_mj.scenario.loading import load_scenario
-from agrobot_mj.studies.engine import perform
+from agrobot_mj.studies.engine.tasks import perform
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
 UNTIL = "xte_abs_p95 > 0.5 or outcome != completed"

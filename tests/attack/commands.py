@@ -25,18 +25,18 @@ COMMANDS = [
     compare circle --variant other:path.radius_m=9 --plants bicycle --seeds 1 --no-rrd --out out {BICYCLE}
     explain plant.tyre.kind
     export run --mcap --out out
-    identify run --vehicle --share 0.6 --from 0 --to 15 --fit front --out out
-    importance run --metric xte_rms
     init mine
     limit circle --key speed_m_s --range 1:3 --until xte_rms>1 --max-seeds 1 {BICYCLE}
     link straight_line --wait 0.1 --duration 0.2 --pace fast --no-rrd {BICYCLE}
     list --kinds
-    replay run --by steer --from 1 --to 3 --out out
     report run
+    report run --metric xte_rms
     rig linear --out out
     schema
     snapshot run/signals.parquet --at 1 --tab Drive --out out
     sweep small.toml --jobs 1 --shard 1/2 --max-runs 9 --out out
+    twin run --only identify --share 0.6 --from 0 --to 15 --fit front --out out
+    twin run --only replay --by steer --from 1 --to 3 --out out
     tune circle --guidance kinematic --budget 8 --seeds 1 --out out {BICYCLE}
     view run/signals.parquet
     """.strip().splitlines()
@@ -44,7 +44,7 @@ COMMANDS = [
 ]
 """Short example command lines of all commands except `ros2` and `validate`."""
 FLAGS = (
-    *("--quiet", "-q", "--live", "--vehicle", "--merge", "--fresh", "--quick", "--json", "--kinds", "--sweeps"),
+    *("--quiet", "-q", "--live", "--merge", "--fresh", "--quick", "--json", "--kinds", "--sweeps"),
     *("--help", "--x"),
 )
 PLACES = (
@@ -70,10 +70,10 @@ NEEDED = {"commands": ("run",), "parquet": ("run",), "studies": (), "folders": t
 READ = {
     kind: [line for line in lines if line.split()[0] in KNOWN]
     for kind, lines in {
-        "run": ["report run", "export run --mcap", "identify run", "identify run --vehicle --out out"]
-        + ["replay run --out out", "run run/scenario.toml --no-rrd --out out"],
+        "run": ["report run", "export run --mcap", "twin run --only valve", "twin run --only identify --out out"]
+        + ["twin run --only replay --out out", "run run/scenario.toml --no-rrd --out out"],
         "compare": ["report compare"],
-        "sweep": ["report sweep", "importance sweep", "sweep --merge sweep --out out", SWEEP_ON],
+        "sweep": ["report sweep", "report sweep --metric xte_rms", "sweep --merge sweep --out out", SWEEP_ON],
         "limit": ["report limit"],
     }.items()
     if kind in MADE

@@ -129,11 +129,11 @@ def installed(site, law):
 
 WORKERS = """
 from agrobot_mj.scenario.reference import families
-from agrobot_mj.studies.engine.workers import spread
+from agrobot_mj.studies.engine.workers import pool_map
 def known(kind):
     return kind in families()["guidance"]
 if __name__ == "__main__":
-    print(*(found for _, found in spread(known, ["my_law", "your_law"], 2)))
+    print(*(found for _, found in pool_map(known, ["my_law", "your_law"], 2)))
 """
 
 

@@ -14,7 +14,8 @@ from processes import bare, command
 from agrobot_mj.core import identity as identities
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.identity import code_text, read_identity
-from agrobot_mj.studies.engine import Task, perform, resume, tasks, workers
+from agrobot_mj.studies.engine import resume, tasks, workers
+from agrobot_mj.studies.engine.tasks import Task, perform
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 EXAMPLES = Path(__file__).parents[2] / "examples"

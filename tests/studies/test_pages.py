@@ -20,13 +20,12 @@ from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import write_log
 from agrobot_mj.studies.compare import compare
 from agrobot_mj.studies.compare_plan import plan
-from agrobot_mj.studies.pages import write_report
 from agrobot_mj.studies.pages.document import Document
 from agrobot_mj.studies.pages.drive import enlarge, enlargement, map_of, thin_rows, thumbnail
 from agrobot_mj.studies.pages.ranking import Group, box
-from agrobot_mj.studies.pages.report import over_parameters, ranking
+from agrobot_mj.studies.pages.report import over_parameters, ranking, write_report
 from agrobot_mj.studies.pages.sweep import RerunCommand, curves, heat_map, toml_value
-from agrobot_mj.studies.sweep import SweepOptions, sweep
+from agrobot_mj.studies.sweep.runner import SweepOptions, sweep
 
 pytest.importorskip("plotly", reason="plotly is not installed: pip install 'agrobot-mj[report]'")
 SHORT = {"plant.kind": "bicycle", "duration_s": 3.0}

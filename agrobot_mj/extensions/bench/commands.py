@@ -11,11 +11,11 @@ from agrobot_mj.cli.output import print_hints, say
 from agrobot_mj.cli.panels import help_entry
 
 if TYPE_CHECKING:
-    from agrobot_mj.extensions.bench.manoeuvres import Check
+    from agrobot_mj.extensions.bench.manoeuvres.base import Check
 
 
 def rig(
-    tyre: Annotated[str, typer.Argument(metavar="TYRE", help="Kind of a tyre, e.g. magic_formula, or a TOML file.")],
+    tyre: Annotated[str, typer.Argument(metavar="TYRE", help="Kind of a tyre, e.g. magic_formula, or a scenario.")],
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
@@ -37,7 +37,7 @@ def validate(
 
     The exit status is 1 if a result is outside its acceptance band.
     """
-    from agrobot_mj.extensions.bench.manoeuvres import validate as drive_all
+    from agrobot_mj.extensions.bench.manoeuvres.suite import validate as drive_all
 
     def tell(name: str, checks: "list[Check]", duration: float) -> None:
         passed = sum(check.passed for check in checks)

@@ -21,6 +21,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Drive
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.extensions.bench.manoeuvres.cornering import circle
+from agrobot_mj.extensions.bench.manoeuvres.steering import angles
 from agrobot_mj.extensions.bench.manoeuvres.tipping import GRIPPING, STEEPEST_DEG, tilt
 from agrobot_mj.machine.hydraulics import FULL_RANGE_V
 from agrobot_mj.machine.tractor import GRAVITY
@@ -117,9 +118,7 @@ def _turning(scenario: Scenario) -> Iterator[Measured]:
 
 
 def _rate(driver: Driver, side: int) -> float:
-    seen = np.concatenate(
-        [t.steer_samples for t in driver.go_by_voltage(6.0, NEUTRAL_V + side * FULL_RANGE_V / 2).truths]
-    )
+    seen = angles(driver.go_by_voltage(6.0, NEUTRAL_V + side * FULL_RANGE_V / 2))
     middle = np.flatnonzero(abs(seen) < radians(10.0))
     step = TICK_S / driver.truth.steer_samples.size
     return side * degrees(float(np.polyfit(step * middle, seen[middle], 1)[0]))

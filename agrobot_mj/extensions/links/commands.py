@@ -145,10 +145,10 @@ def _check(options: "LinkOptions", given: tuple[str, dict[str, Any], list[str] |
     print_hints([scenario], quiet)
     with stop_on_signals() as stopped:
         try:
-            found = check(scenario, options, stopped)
+            block, lines = check(scenario, options, stopped)
         except NotBegunError as error:
             return Answer({"scenario": scenario.name}, "", str(error))
-    return Answer({"scenario": scenario.name, "link": found.block, "check": found.lines}, "\n".join(found.lines))
+    return Answer({"scenario": scenario.name, "link": block, "check": lines}, "\n".join(lines))
 
 
 def _load_given(given: tuple[str, dict[str, Any], list[str] | None]) -> "Scenario":

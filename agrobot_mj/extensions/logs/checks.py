@@ -61,15 +61,14 @@ def _check_speed(recordings: Sequence[FieldRecording]) -> None:
     way, said, across = np.concatenate(found, axis=1)
     if not said.any() or 1 / SLIPPED < way.sum() / said.sum() < SLIPPED:
         return
+    fix = "check the unit of [speed] and the columns of [position] in the map"
     if arm := _arm(way, said, across):
-        where = f"an antenna {arm:.1f} m ahead of or behind the rear axle would explain the difference"
-        raise FieldLogError(
-            f"{recordings[0].name}: the positions cover {way.sum():.0f} m, but the speed gives {said.sum():.0f} m; "
-            f"{where}: set position.ahead_m to the distance of the antenna"
+        fix = (
+            f"an antenna {arm:.1f} m ahead of or behind the rear axle would explain the difference: set "
+            "position.ahead_m to the distance of the antenna"
         )
     raise FieldLogError(
-        f"{recordings[0].name}: the positions cover {way.sum():.0f} m, but the speed gives {said.sum():.0f} m; "
-        "check the unit of [speed] and the columns of [position] in the map"
+        f"{recordings[0].name}: the positions cover {way.sum():.0f} m, but the speed gives {said.sum():.0f} m; {fix}"
     )
 
 

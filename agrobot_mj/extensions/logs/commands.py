@@ -1,11 +1,8 @@
-"""Command `twin` for logs of real and simulated machines, and deprecated commands for single steps of its analysis."""
+"""Command `twin` for logs of real and simulated machines."""
 
-from collections.abc import Callable
-from functools import wraps
-from inspect import signature
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -19,9 +16,8 @@ from agrobot_mj.cli.options import (
     number,
     overrides,
     results_folder,
-    with_option,
 )
-from agrobot_mj.cli.panels import HelpEntry, help_entry
+from agrobot_mj.cli.panels import help_entry
 
 if TYPE_CHECKING:
     from agrobot_mj.scenario.schema import Scenario
@@ -139,29 +135,6 @@ def _scenario(log: Path, sets: list[str] | None) -> "Scenario":
     return load_scenario(beside if own else "straight_line", overrides(sets))
 
 
-def _former(name: str) -> Callable[..., Answer]:
-    """Return the deprecated command `name`, which runs one step of the analysis with the options of `twin`."""
-
-    @wraps(twin)
-    def command(*given: Any, vehicle: bool = False, **options: Any) -> Answer:
-        part = "valve" if name == "identify" and not vehicle else name
-        return twin(*given, **{**options, "only": [part]})
-
-    command.__name__ = name
-    own = signature(twin)
-    command.__signature__ = own.replace(  # type: ignore[attr-defined]
-        parameters=[each for each in own.parameters.values() if each.name != "only"]
-    )
-    return command
-
-
-def _former_identify() -> Callable[..., Answer]:
-    """Return the deprecated command `identify`, which fits the valve or, with `--vehicle`, the vehicle."""
-    vehicle = Annotated[bool, typer.Option("--vehicle", help="Fit the vehicle instead of the valve.")]
-    command = _former("identify")
-    return with_option(command, command, "vehicle", vehicle, False)
-
-
 COMMANDS = {
     twin: help_entry(
         "Field logs",
@@ -170,9 +143,12 @@ COMMANDS = {
         "twin field.csv --map map.toml --only calibrate --set tractor.wheelbase_m=2.1",
         "twin field.csv --map map.toml --only keys --fit plant.tyre.front.lateral.stiffness_per_load",
         "twin runs/mine --only valve",
+        former={
+            "calibrate": "twin --only calibrate",
+            "replay": "twin --only replay",
+            "identify --vehicle": "twin --only identify",
+            "identify": "twin --only valve",
+        },
     ),
-    _former_identify(): HelpEntry(now="twin LOG --only identify, or RUN_DIR --only valve"),
-    _former("replay"): HelpEntry(now="twin LOG --only replay"),
-    _former("calibrate"): HelpEntry(now="twin LOG --only calibrate"),
 }
 """Commands of the extension for logs, with their help entries."""

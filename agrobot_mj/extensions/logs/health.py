@@ -132,12 +132,12 @@ def _ahead(recording: FieldRecording) -> tuple[float, float] | None:
     return (float(values[0]), error) if error < ARM_ERROR_M else None
 
 
-def health_lines(sources: Sequence[Source], log_map: LogMap, height: float = 0.0) -> list[str]:
+def health_lines(sources: Sequence[Source], log_map: LogMap) -> list[str]:
     """Return sentences about steering centre, antenna position, noise and bursts of logs. Skip unreadable logs."""
     found = []
     for source in sources:
         try:
-            found.append(health(read_recording(source, log_map, height, readings=True)))
+            found.append(health(read_recording(source, log_map, 0.0, readings=True)))
         except FieldLogError:
             continue
     lines = [f"{each.name}: {line}" for each in found for line in sentences_of(each, log_map)]

@@ -178,7 +178,7 @@ def excitation(recordings: Sequence[FieldRecording]) -> tuple[Array, Array, Arra
 
 def _excitation(recording: FieldRecording) -> tuple[Array, Array, Array]:
     t = np.arange(recording.start, recording.end, 0.1)
-    u = np.interp(t, recording.speed.t, recording.speed.value)
+    u = np.interp(t, *recording.speed)
     steer = np.interp(t, *recording.steer) if recording.steer else np.zeros(len(t))
     yaw_rate = np.interp(t, *recording.yaw_rate) if recording.yaw_rate else np.zeros(len(t))
     return u, degrees(1.0) * np.gradient(steer, 0.1), yaw_rate / np.where(np.abs(u) > 0.1, u, np.inf)

@@ -231,7 +231,7 @@ def course_rate(position: TimeSeries, speed: TimeSeries) -> TimeSeries | None:
     t, known, cubic = grid
     places = np.stack([np.interp(t, position.t, each) for each in position.value.T])
     (vx, vy), (ax, ay) = (savgol_filter(places, **cubic, deriv=order) for order in (1, 2))
-    kept = known & (np.abs(np.interp(t, speed.t, speed.value)) > LEAST_SPEED)
+    kept = known & (np.abs(np.interp(t, *speed)) > LEAST_SPEED)
     if kept.sum() < 8:
         return None
     return TimeSeries(t[kept], ((vx * ay - vy * ax) / np.maximum(vx * vx + vy * vy, LEAST_SPEED**2))[kept])
@@ -242,7 +242,7 @@ def slope_of(series: TimeSeries) -> TimeSeries | None:
     if (grid := _even(series.t, SMOOTHING_S, 5)) is None:
         return None
     t, known, cubic = grid
-    slope = savgol_filter(np.interp(t, series.t, series.value), **cubic, deriv=1)
+    slope = savgol_filter(np.interp(t, *series), **cubic, deriv=1)
     return TimeSeries(t[known], slope[known])
 
 

@@ -110,7 +110,7 @@ def _turning(piece: FieldRecording, wheelbase: float) -> TurningSamples | None:
     assert piece.steer is not None
     if piece.yaw_rate is None or len((seen := moving(piece, piece.yaw_rate)).t) < 2:
         return None
-    u = np.interp(seen.t, piece.speed.t, piece.speed.value)
+    u = np.interp(seen.t, *piece.speed)
     read = np.array([np.interp(seen.t - age, *piece.steer) for age in AGES_S])
     angle = np.arctan(wheelbase * seen.value / u)
     return TurningSamples(

@@ -7,7 +7,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import degrees
-from typing import Any
+from typing import Any, NamedTuple
 
 from mujoco.studio import messages, plugin
 from mujoco.studio.dear_imgui import dear_imgui as imgui
@@ -78,6 +78,14 @@ class HeldKeys(messages.Snapshot):  # type: ignore[misc, unused-ignore]
     keys: Keys
 
 
+class CurvePoint(NamedTuple):
+    """Point of the displayed curves."""
+
+    t: float
+    cross_track: float  # Cross-track error [m]
+    roll: float  # Roll [deg]
+
+
 @dataclass(frozen=True, eq=False)
 class PlayStatus(messages.Snapshot):  # type: ignore[misc, unused-ignore]
     """Message to the panel with the displayed state of the drive."""
@@ -101,9 +109,7 @@ class PlayStatus(messages.Snapshot):  # type: ignore[misc, unused-ignore]
     grade: float = 0.0
     tyre: int = 0
     pressure: float = 0.0  # Pressure of the rear tyres [bar]
-    times: Sequence[float] = ()
-    cross_tracks: Sequence[float] = ()
-    rolls: Sequence[float] = ()
+    curve: Sequence[CurvePoint] = ()
 
 
 class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
@@ -230,20 +236,20 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
     def _curves(self) -> None:
         s, size = self.status, imgui.GetIO().DisplaySize
         width = max((size.x - WIDTH - 4 * MARGIN) / 2, 200.0)
-        for k, (title, least, values) in enumerate(
-            (("cross-track error [m]", 0.2, s.cross_tracks), ("roll [deg]", 2.0, s.rolls))
-        ):
+        times, *curves = zip(*s.curve, strict=True) if s.curve else ((), (), ())
+        for k, (title, least) in enumerate((("cross-track error [m]", 0.2), ("roll [deg]", 2.0))):
+            values = curves[k]
             left = WIDTH + 2 * MARGIN + k * (width + MARGIN)
             height = max(CURVE_SHARE * size.y, CURVE_LEAST)
             top = size.y - height - MARGIN
             imgui.SetNextWindowPos(imgui.Vec2(left, top), imgui.Cond.Always)
             imgui.SetNextWindowSize(imgui.Vec2(width, height), imgui.Cond.Always)
             imgui.Begin(title, flags=FIXED | int(FLAG.NoScrollbar))
-            if len(s.times) and implot.BeginPlot(title, imgui.Vec2(-1.0, -1.0), int(implot.Flags.NoLegend)):
-                last, middle = max(s.times[-1], SHOWN_S), (min(values) + max(values)) / 2
+            if times and implot.BeginPlot(title, imgui.Vec2(-1.0, -1.0), int(implot.Flags.NoLegend)):
+                last, middle = max(times[-1], SHOWN_S), (min(values) + max(values)) / 2
                 half = max(0.6 * (max(values) - min(values)), least)
                 implot.SetupAxes("time [s]", "")
                 implot.SetupAxesLimits(last - SHOWN_S, last, middle - half, middle + half, int(imgui.Cond.Always))
-                implot.PlotLine(title, list(s.times), list(values))
+                implot.PlotLine(title, list(times), list(values))
                 implot.EndPlot()
             imgui.End()

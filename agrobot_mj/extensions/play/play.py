@@ -26,7 +26,7 @@ from agrobot_mj.extensions.play.adjustments import (
 )
 from agrobot_mj.extensions.play.driver import Keys, PlayDriver
 from agrobot_mj.extensions.play.gamepad import Gamepad
-from agrobot_mj.extensions.play.panel import SHOWN_S, DrivePanel, HeldKeys, PlayStatus, Press, Restart
+from agrobot_mj.extensions.play.panel import SHOWN_S, CurvePoint, DrivePanel, HeldKeys, PlayStatus, Press, Restart
 from agrobot_mj.extensions.play.session import PlaySession
 from agrobot_mj.extensions.play.view import PlayView
 from agrobot_mj.scenario.schema import Scenario
@@ -86,9 +86,7 @@ class Play:
         """Create a drive with the tractor at the start of a scenario."""
         self.session = PlaySession(scenario)
         self.driver, self.view = PlayDriver(self.session), PlayView(self.session)
-        self.times: list[float] = []
-        self.cross_tracks: list[float] = []
-        self.rolls: list[float] = []
+        self.curve: list[CurvePoint] = []
 
     def restart(self, settings: NextStart) -> None:
         """Save the current drive and start a new one, or continue the drive if a setting is invalid."""
@@ -131,22 +129,16 @@ class Play:
     def _recall(self) -> None:
         self.session.recall()
         self.driver.recalled()
-        kept = sum(t <= self.session.sim.truth.t for t in self.times)
-        for values in (self.times, self.cross_tracks, self.rolls):
-            del values[kept:]
+        self.curve = [point for point in self.curve if point.t <= self.session.sim.truth.t]
 
     def tick(self, keys: Keys) -> None:
         """Advance the drive by one tick, and update the view and the curves."""
         self.driver.tick(keys)
         self.view.pose(self.session.sim)
         truth = self.session.sim.truth
-        if not self.times or truth.t > self.times[-1]:
-            self.times.append(truth.t)
-            self.cross_tracks.append(self.session.cross_track())
-            self.rolls.append(degrees(truth.roll))
-        most = round(SHOWN_S / TICK_S)
-        for values in (self.times, self.cross_tracks, self.rolls):
-            del values[:-most]
+        if not self.curve or truth.t > self.curve[-1].t:
+            self.curve.append(CurvePoint(truth.t, self.session.cross_track(), degrees(truth.roll)))
+        del self.curve[: -round(SHOWN_S / TICK_S)]
 
     def measure(self, now: float, ticks: int) -> None:
         """Update the ratio of simulated to wall-clock time at time `now` [s], after `ticks` simulated ticks."""
@@ -168,7 +160,7 @@ class Play:
             wanted=driver.wanted_speed,
             angle=truth.steer if driver.law else driver.angle,
             roll=truth.roll,
-            cross_track=self.cross_tracks[-1] if self.cross_tracks else 0.0,
+            cross_track=self.curve[-1].cross_track if self.curve else 0.0,
             law=driver.law,
             chosen=driver.chosen,
             paused=self.paused,
@@ -178,9 +170,7 @@ class Play:
             grade=float(getattr(base.terrain, "grade_deg", 0.0)),
             tyre=self.tyres.index(tyre_kind(base)),
             pressure=base.tractor.tyre_pressure("rear", base.tractor.rear_axle_load / 2),
-            times=tuple(self.times),
-            cross_tracks=tuple(self.cross_tracks),
-            rolls=tuple(self.rolls),
+            curve=tuple(self.curve),
         )
 
 

@@ -73,24 +73,12 @@ def drawn_model(sim: Simulation) -> mujoco.MjModel:
 def _dress(spec: mujoco.MjSpec) -> None:
     """Add sky, lights and a ground pattern to a model specification."""
     builtin, kind = mujoco.mjtBuiltin, mujoco.mjtTexture
-    spec.add_texture(
-        name="sky",
-        type=kind.mjTEXTURE_SKYBOX,
-        builtin=builtin.mjBUILTIN_GRADIENT,
-        rgb1=SKY[0],
-        rgb2=SKY[1],
-        width=128,
-        height=768,
-    )
-    spec.add_texture(
-        name="field",
-        type=kind.mjTEXTURE_2D,
-        builtin=builtin.mjBUILTIN_CHECKER,
-        rgb1=FIELD[0],
-        rgb2=FIELD[1],
-        width=128,
-        height=128,
-    )
+    for name, texture, pattern, colours, height in (
+        ("sky", kind.mjTEXTURE_SKYBOX, builtin.mjBUILTIN_GRADIENT, SKY, 768),
+        ("field", kind.mjTEXTURE_2D, builtin.mjBUILTIN_CHECKER, FIELD, 128),
+    ):
+        rgb = {"rgb1": colours[0], "rgb2": colours[1]}
+        spec.add_texture(name=name, type=texture, builtin=pattern, width=128, height=height, **rgb)
     field = spec.add_material(name="field", texuniform=True, texrepeat=[1 / SQUARE_M, 1 / SQUARE_M])
     field.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "field"
     spec.worldbody.add_light(

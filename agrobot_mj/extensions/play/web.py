@@ -42,24 +42,24 @@ ENDED = _EndedConnections()
 
 
 class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
-    """Web viewer of MuJoCo Studio, restricted to the network address `address`."""
+    """Web viewer of MuJoCo Studio, restricted to this computer unless network access is enabled."""
 
-    address = LOOPBACK
     clients = 0
     """Number of browser pages that display the tractor at present."""
 
-    def __init__(self, *given: Any, pad: Gamepad, **options: Any) -> None:
-        """Start the server of the viewer. Messages about a gamepad are passed to `pad`."""
-        self.pad = pad
+    def __init__(self, *given: Any, pad: Gamepad, network: bool = False, **options: Any) -> None:
+        """Start the server of the viewer. Messages about a gamepad are passed to `pad`. With `network`, the server
+        accepts connections from other computers and pages of all sites."""
+        self.pad, self.network = pad, network
         super().__init__(*given, **options)
 
     @property
     def _host(self) -> str:
-        return self.address
+        return EVERYWHERE if self.network else LOOPBACK
 
     @_host.setter
     def _host(self, _fixed: str) -> None:
-        """Ignore the network address that MuJoCo Studio assigns, because `address` is used instead."""
+        """Ignore the network address that MuJoCo Studio assigns, because `network` determines the address."""
 
     @property
     def port(self) -> int:
@@ -105,7 +105,7 @@ class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
     @property
     def origins(self) -> list[str] | None:
         """Sites whose pages may connect to the server, or None for all sites."""
-        return [f"http://{name}:{self.port}" for name in (LOOPBACK, "localhost")]
+        return None if self.network else [f"http://{name}:{self.port}" for name in (LOOPBACK, "localhost")]
 
 
 def _with_gamepad(page: Response) -> Response:
@@ -114,13 +114,6 @@ def _with_gamepad(page: Response) -> Response:
     del page.headers["Content-Length"]
     page.headers["Content-Length"] = str(len(page.body))
     return page
-
-
-class NetworkViewer(PlayViewer):
-    """Web viewer that accepts connections from other computers and pages of all sites."""
-
-    address = EVERYWHERE
-    origins = None
 
 
 def launch(
@@ -132,12 +125,11 @@ def launch(
     Raise `ScenarioError` if the port is in use or the viewer does not start.
     """
     started, found = threading.Event(), list[PlayViewer]()
-    kind: Callable[..., PlayViewer] = NetworkViewer if network else PlayViewer
 
     def serve(endpoint: endpoints.ViewerEndpoint) -> None:
         config = viewer_protocol.ViewerConfig(title="agrobot-mj play", gfx="web", http_port=port)
         try:
-            found.append(kind(config, endpoint, plugins=list(viewer_plugins), pad=pad))
+            found.append(PlayViewer(config, endpoint, plugins=list(viewer_plugins), pad=pad, network=network))
         finally:
             started.set()
         viewer_protocol.run_viewer_loop(found[0])

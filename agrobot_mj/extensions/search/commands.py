@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -23,13 +22,16 @@ from agrobot_mj.cli.options import (
     utf8,
 )
 from agrobot_mj.cli.output import print_hints, say
-from agrobot_mj.cli.panels import HelpEntry, help_entry
+from agrobot_mj.cli.panels import help_entry
 from agrobot_mj.core.errors import ScenarioError, shorten
 
 if TYPE_CHECKING:
-    from agrobot_mj.extensions.search.falsify import Combination, Varied
-    from agrobot_mj.extensions.search.limit import Tried
+    from agrobot_mj.extensions.search.falsify.search import Combination, Varied
+    from agrobot_mj.extensions.search.limit.question import Tried
     from agrobot_mj.extensions.search.risk.population import Population
+
+
+Until = Annotated[str, typer.Option(metavar="CONDITION", help="Condition for a failed run.")]
 
 
 def limit(
@@ -38,7 +40,7 @@ def limit(
     range_: Annotated[
         str, typer.Option("--range", metavar="A:B", help="Range from A, where laws should succeed, to B.")
     ],
-    until: Annotated[str, typer.Option(metavar="CONDITION", help="Condition for a failed run.")],
+    until: Until,
     guidance: Annotated[
         list[str] | None,
         typer.Option(metavar="KIND,KIND", help="Guidance laws; repeatable. Default: the law of the scenario."),
@@ -63,8 +65,9 @@ def limit(
     Example of a CONDITION: "lateral_rms > 0.3 or outcome != completed". Writes limit.json and limit.png. The same
     command resumes an interrupted search.
     """
-    from agrobot_mj.extensions.search.limit import Question, content
-    from agrobot_mj.extensions.search.limit import limit as search
+    from agrobot_mj.extensions.search.limit.question import Question
+    from agrobot_mj.extensions.search.limit.search import content
+    from agrobot_mj.extensions.search.limit.search import limit as search
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.progress import print_elapsed
 
@@ -97,30 +100,6 @@ def _ends(text: str) -> tuple[float, float]:
     raise ScenarioError(f"--range {text}: specify two numbers, such as 0:25")
 
 
-def importance(
-    folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help='Results of a sweep with method = "screening" or "saltelli".')
-    ],
-    metric: Annotated[str, typer.Option(metavar="NAME", help="Column of sweep.parquet.")] = "xte_rms",
-    quiet: Quiet = False,
-) -> None:
-    """Rank uncertain parameters by their effect on a metric.
-
-    Uses regression for a screening and Sobol indices for method = "saltelli". Parameters that the samples cannot
-    distinguish have overlapping ranks. Writes importance.json and importance.png.
-    """
-    from agrobot_mj.extensions.search.importance import importance as analyse
-    from agrobot_mj.extensions.search.importance import importance_table, importance_text
-
-    found = analyse(folder, metric)
-    if not quiet:
-        say(importance_table(found))
-        say(importance_text(found, metric))
-
-
-Until = Annotated[str, typer.Option(metavar="CONDITION", help="Condition for a failed run.")]
-
-
 Score = Annotated[
     str | None,
     typer.Option(metavar="SIGNAL", help="Signal that measures the margin. Default: from CONDITION."),
@@ -145,8 +124,9 @@ def risk(
     failure are split and continued with different noise. Writes risk.json, risk.png and the recording of a failure. The
     same command resumes an interrupted estimation.
     """
-    from agrobot_mj.extensions.search.risk import RiskQuestion, content
-    from agrobot_mj.extensions.search.risk import risk as search
+    from agrobot_mj.extensions.search.risk.command import content
+    from agrobot_mj.extensions.search.risk.command import risk as search
+    from agrobot_mj.extensions.search.risk.splitting import RiskQuestion
     from agrobot_mj.scenario.loading import load_scenario
 
     scenario = load_scenario(source, overrides(sets))
@@ -182,8 +162,9 @@ def falsify(
     Distances are in units of the range or standard deviation of each key. Writes falsify.json, falsify.png, and the
     recording and scenario of the failure. The same command resumes an interrupted search.
     """
-    from agrobot_mj.extensions.search.falsify import FalsifyQuestion, content
-    from agrobot_mj.extensions.search.falsify import falsify as search
+    from agrobot_mj.extensions.search.falsify.command import content
+    from agrobot_mj.extensions.search.falsify.command import falsify as search
+    from agrobot_mj.extensions.search.falsify.search import FalsifyQuestion
     from agrobot_mj.scenario.loading import load_scenario
 
     scenario = load_scenario(source, overrides(sets))
@@ -201,7 +182,7 @@ def falsify(
 
 def _varied_key(text: str) -> "Varied":
     """Return a varied key with its range or distribution, from `KEY=MILD:HARD` or `KEY={normal = [MEAN, SD]}`."""
-    from agrobot_mj.extensions.search.falsify import Varied
+    from agrobot_mj.extensions.search.falsify.search import Varied
 
     key, _, value = utf8(text, "--vary").partition("=")
     key = key.strip()
@@ -288,5 +269,4 @@ COMMANDS = {
         "tune my_field.toml --guidance stanley --budget 64 --seeds 2",
         advanced=True,
     ),
-    importance: HelpEntry(now="report DIR"),
 }

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -38,7 +38,8 @@ def courses(tasks: Sequence[Task], closeness: Closeness, do: Study, kept: Mappin
     """Simulate an ordinary run and, if available, a failed run. Return their trajectories and branch times [s]."""
     ordinary, *failure = [task._replace(measure=MeasuredCourse(closeness)) for task in tasks]
     failure = [task._replace(keep="recordings") for task in failure]
-    rows = [*do([ordinary]), *do(failure, files=_Renamed(do.rows, kept))]
+    recorded = Study(_Renamed(do.rows.folder, kept), do.perform)
+    rows = [*do([ordinary]), *recorded(failure)]
     return [
         {name: row[f"course.{name}"] for name in (*COLUMNS, "close")}
         | {"branches": [TICK_S * branch.tick for branch in task.branches or ()]}
@@ -47,20 +48,21 @@ def courses(tasks: Sequence[Task], closeness: Closeness, do: Study, kept: Mappin
     ]
 
 
-class _Renamed(NamedTuple):
-    """Storage that writes selected files of a run to the results folder under new names."""
+class _Renamed(RowFiles):
+    """Row files of runs, and selected files of the runs in the results folder under new names."""
 
-    rows: RowFiles
-    kept: Mapping[str, str]
+    def __init__(self, folder: Path, kept: Mapping[str, str]) -> None:
+        super().__init__(folder)
+        self.kept = kept
 
     def has(self, task: Task, row: Row) -> bool:
         """Return whether all renamed files exist in the results folder."""
-        return all((self.rows.folder / name).is_file() for name in self.kept.values())
+        return all((self.folder / name).is_file() for name in self.kept.values())
 
     def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
         """Write the selected files of a run under their new names."""
         for name in self.kept.keys() & contents.keys():
-            self.rows.write_bytes(Path(self.kept[name]), contents[name])
+            self.write_bytes(Path(self.kept[name]), contents[name])
 
 
 def courses_figure(courses: Sequence[dict[str, Any]], labels: Sequence[str]) -> tuple[Figure, Axes, Axes]:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.extensions.search.importance.results import DESIGNS, importance, importance_rows, influence_text
+from agrobot_mj.extensions.search.importance.results import DESIGNS, importance, importance_rows, importance_texts
 from agrobot_mj.extensions.search.importance.shares import Influence
 from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, INK, SHADE, Chart, Document, error_bars, layout
 from agrobot_mj.studies.pages.ranking import METRIC
@@ -29,16 +29,18 @@ def limit_page(folder: Path) -> Document:
     page.section("All evaluated values")
     head = ("law", found["key"], "runs", "failed", "outcomes")
     rows = [
-        (law["law"], f"{t['value']:g}", t["runs"], t["failed"], _counts(t["outcomes"]))
+        (
+            law["law"],
+            f"{t['value']:g}",
+            t["runs"],
+            t["failed"],
+            ", ".join(f"{count} {outcome}" for outcome, count in t["outcomes"].items()),
+        )
         for law in found["laws"]
         for t in law["tried"]
     ]
     page.table(head, rows)
     return page
-
-
-def _counts(outcomes: dict[str, int]) -> str:
-    return ", ".join(f"{count} {outcome}" for outcome, count in outcomes.items())
 
 
 def _success(law: dict[str, Any], found: dict[str, Any]) -> Chart:
@@ -75,8 +77,8 @@ def importance_section(page: Document, folder: Path, metric: str | None) -> list
         return []
     page.section("Importance", f"Fraction of the variance of {shown} attributed to each number.")
     page.table(*importance_rows(found))
-    for each in found:
-        page.text(influence_text(each, shown, f"{each.group}: " if len(found) > 1 else ""))
+    for text in importance_texts(found, shown):
+        page.text(text)
     page.grid([(each.group, _shares(each, shown)) for each in found])
     return [folder / "importance.json", folder / "importance.png"]
 

@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from copy import deepcopy
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import tomli_w
 
@@ -101,16 +101,6 @@ RunTasks = Callable[[Sequence[Task]], list[Row]]
 """Type of a function that executes tasks and returns their rows in the order of the tasks."""
 
 
-class RunFiles(Protocol):
-    """Interface of an object that stores additional files of runs, such as signals and recordings."""
-
-    def has(self, task: Task, row: Row) -> bool:
-        """Return whether all required files of a run exist."""
-
-    def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
-        """Write the files of a run. `contents` maps file names to file contents."""
-
-
 class RowFiles:
     """Row files (one per run) and copies of input files in a results folder. Symbolic links are rejected."""
 
@@ -136,8 +126,15 @@ class RowFiles:
         held = self.inputs.held(json.loads(base))
         return held, json.dumps(held.driven, sort_keys=True)
 
+    def has(self, task: Task, row: Row) -> bool:
+        """Return whether all files that belong to the row of a run exist. This class stores only rows."""
+        return True
+
+    def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
+        """Write the files of a run that belong to its row. `contents` maps file names to file contents."""
+
     def drive(
-        self, numbers: Iterable[int], task_of: Callable[[int], Task], perform: Perform, files: RunFiles | None = None
+        self, numbers: Iterable[int], task_of: Callable[[int], Task], perform: Perform
     ) -> Generator[tuple[Task, Row, bool]]:
         """Execute the tasks without a stored row or with missing files, and the tasks whose run raised an exception.
 
@@ -146,7 +143,7 @@ class RowFiles:
         todo = []  # a list of the tasks could exceed the memory
         for number in numbers:
             task = self.asked(task_of(number))
-            if (row := self.row(task)) and row["error"] is None and (files is None or files.has(task, row)):
+            if (row := self.row(task)) and row["error"] is None and self.has(task, row):
                 yield task, row, True
             else:
                 todo.append(number)
@@ -154,8 +151,7 @@ class RowFiles:
         for task, (row, contents) in perform(self.asked(task_of(number)) for number in todo):
             with held_back():
                 self.row_file(task).unlink(missing_ok=True)  # the files that belong to this row will be replaced
-                if files:
-                    files.put(task, contents)
+                self.put(task, contents)
                 self.write_row(task, row)
             yield task, row, False
 
@@ -205,27 +201,22 @@ class RowFiles:
 class Study:
     """Callable object that executes tasks and stores their rows in a results folder. Stored rows are reused."""
 
-    def __init__(self, folder: Path, perform: Perform) -> None:
-        self.rows, self.perform, self._errors = RowFiles(folder), perform, set[str]()
+    def __init__(self, rows: RowFiles, perform: Perform) -> None:
+        self.rows, self.perform, self._errors = rows, perform, set[str]()
 
-    def __call__(
-        self,
-        tasks: Sequence[Task],
-        done: Callable[..., object] = lambda expected, there: None,
-        files: RunFiles | None = None,
-    ) -> list[Row]:
+    def __call__(self, tasks: Sequence[Task], done: Callable[..., object] = lambda expected, there: None) -> list[Row]:
         """Return the rows of the tasks in order: `outcome`, `expected`, `error`, metrics, and values measured by the
         task.
 
         Equal tasks are run once. `done` is called for each task with two flags: whether the run ended as expected, and
-        whether the row existed. `files` stores additional files of runs. Equal error messages are printed once.
+        whether the row existed. Equal error messages are printed once.
         """
         names = [self.rows.asked(task).identity for task in tasks]
         first, found = dict[Identity | None, int](), dict[Identity | None, Row]()
         for number, name in enumerate(names):
             first.setdefault(name, number)
         for task, row, there in self.rows.drive(
-            first.values(), lambda number: tasks[number]._replace(number=number), self.perform, files
+            first.values(), lambda number: tasks[number]._replace(number=number), self.perform
         ):
             found[task.identity] = row
             done(expected=row["expected"], there=there)
@@ -243,7 +234,7 @@ def study(folder: Path, names: Sequence[str], jobs: int | None = None) -> Iterat
     per core. Raise `ScenarioError` if results must not be written to `folder`.
     """
     with results(folder, (*names, *FOLDERS)), performing(jobs) as perform:
-        yield Study(folder, perform)
+        yield Study(RowFiles(folder), perform)
 
 
 def about(scenario: Scenario) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from agrobot_mj.scenario.schema import Scenario, resolve
 from agrobot_mj.simulation.branching import Branch
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.results import MARK
-from agrobot_mj.simulation.run import run
+from agrobot_mj.simulation.run import Watcher, run
 from agrobot_mj.simulation.storage import RECORDING, can_record, write_log
 
 ERROR = "error"
@@ -108,22 +108,17 @@ def _run_task(task: Task, scenario: Scenario) -> Done:
     with tempfile.TemporaryDirectory(prefix="agrobot-mj-") as place:
         folder = Path(place)
         # Recording all runs would need several MB each. A failed run is therefore simulated again for its recording.
-        log = (
-            run(scenario, branches=task.branches)
-            if task.keep == "signals" or not can_record()
-            else _run_with_recording(scenario, folder, task.branches)
-        )
+        watchers: tuple[Watcher, ...] = ()
+        if task.keep != "signals" and can_record():
+            from agrobot_mj.recording import Recording
+
+            watchers = (Recording(folder / "run.rrd"),)
+        log = run(scenario, watchers, branches=task.branches)
         write_log(log, folder)
         if task.keep == "poses":
             np.save(folder / POSES, log.poses)
         kept = sorted((file for file in folder.iterdir() if file.name != MARK), key=lambda file: file.name == LAST)
         return Done(_numbers(log, task), {file.name: file.read_bytes() for file in kept})
-
-
-def _run_with_recording(scenario: Scenario, folder: Path, branches: tuple[Branch, ...] | None) -> Log:
-    from agrobot_mj.recording import Recording
-
-    return run(scenario, (Recording(folder / "run.rrd"),), branches=branches)
 
 
 def _numbers(log: Log, task: Task) -> dict[str, Any]:

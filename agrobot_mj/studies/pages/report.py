@@ -8,7 +8,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
 
-import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from agrobot_mj.core.errors import ScenarioError
@@ -21,7 +20,7 @@ from agrobot_mj.studies.pages.drive import comparison_page, run_page
 from agrobot_mj.studies.pages.ranking import CONFIDENCE, LABEL, METRIC, Group
 from agrobot_mj.studies.pages.sweep import group_runs, median_curve, sweep_page
 from agrobot_mj.studies.results_io import reporting_damage
-from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
+from agrobot_mj.studies.style import PANEL_WIDTH_IN, write_figure
 from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.store import read_rows
 
@@ -47,9 +46,8 @@ def sweep_figures(folder: Path) -> list[Path]:
     """Draw `ranking.png` and, if the sweep has numeric parameters, `curves.png`. Return the written files."""
     groups, numeric = group_runs(read_rows(folder))
     drawn = read_sweep(folder / "sweep.toml").file.draws
-    with mpl.rc_context(STYLE):
-        saved = [save(ranking(groups), folder / "ranking.png")]
-        return [*saved, save(over_parameters(groups, numeric, drawn), folder / "curves.png")] if numeric else saved
+    saved = [write_figure(folder / "ranking.png", ranking, groups)]
+    return [*saved, write_figure(folder / "curves.png", over_parameters, groups, numeric, drawn)] if numeric else saved
 
 
 def ranking(groups: list[Group]) -> Figure:

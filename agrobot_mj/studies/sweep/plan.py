@@ -19,7 +19,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.scenario.checks import check_files
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.feasibility import check_tractor, tractor_key
-from agrobot_mj.studies.engine import Task, base_text
+from agrobot_mj.studies.engine.tasks import Task, base_text
 from agrobot_mj.studies.sweep.axes import Listed
 from agrobot_mj.studies.sweep.schema import Sweep, portable
 

@@ -10,7 +10,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.results import check_folder, results
-from agrobot_mj.studies.engine import performing
+from agrobot_mj.studies.engine.workers import performing
 from agrobot_mj.studies.sweep.plan import MAX_RUNS, SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.store import TABLE, Store, merge, read_plan
@@ -77,7 +77,7 @@ def drive(store: Store, options: SweepOptions, begin: Begin = lambda some: None)
             with (
                 tally(f"{plan.sweep.name}: {len(part):,} runs", len(part), quiet=options.quiet) as advance,
                 performing(options.jobs, options.scheduler, len(part)) as perform,
-                closing(store.drive(part, plan.task, perform, store)) as driven,
+                closing(store.drive(part, plan.task, perform)) as driven,
             ):
                 for _, row, there in driven:
                     before += there

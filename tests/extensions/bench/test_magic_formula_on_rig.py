@@ -20,10 +20,11 @@ from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, WheelMotion
 
 TRACTOR, DEFAULT, DRY = TractorParameters(), MagicFormula(), Footing(1.0, 0.0)
 PUBLISHED = """
+[plant.tyre]
 kind = "magic_formula"
-[front]
+[plant.tyre.front]
 reference_load_n = 4000
-[front.lateral]
+[plant.tyre.front.lateral]
 mu = 1.0489
 mu_load = 0
 stiffness_per_load = 21.92
@@ -78,14 +79,16 @@ def test_published_tyre_coefficients_are_read_from_a_file(published):
 
 
 def test_tyre_file_overrides_only_the_keys_that_it_contains(tmp_path):
-    (tmp_path / "t.toml").write_text('[tyre]\nkind = "magic_formula"\n[tyre.rear.longitudinal]\nmu = 0.5\n')
+    (tmp_path / "t.toml").write_text('[plant.tyre]\nkind = "magic_formula"\n[plant.tyre.rear.longitudinal]\nmu = 0.5\n')
     tyre = load_specimen(str(tmp_path / "t.toml")).tyre
     assert tyre.rear.longitudinal == DEFAULT.rear.longitudinal.model_copy(update={"mu": 0.5})
     assert (tyre.front, tyre.rear.lateral) == (DEFAULT.front, DEFAULT.rear.lateral)
 
 
 def test_invalid_tyre_coefficients_are_rejected_with_all_errors_listed(tmp_path):
-    (tmp_path / "t.toml").write_text('kind = "magic_formula"\n[front.lateral]\nshape = 3\nmuu = 1\n')
+    (tmp_path / "t.toml").write_text(
+        '[plant.tyre]\nkind = "magic_formula"\n[plant.tyre.front.lateral]\nshape = 3\nmuu = 1\n'
+    )
     with pytest.raises(ScenarioError, match=r"front\.lateral\.shape: must be at most 1\.9[^$]*did you mean 'mu'"):
         load_specimen(str(tmp_path / "t.toml"))
 

@@ -179,13 +179,12 @@ def test_written_curves_cover_every_load_and_speed_of_both_axles(done):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ('kind = "soil"\ncone_index_kpa = -1\nconeindex = 3', "cone_index_kpa: must be above 0, got -1"),
-        ('kind = "soil"\ncone_index_kpa = -1\nconeindex = 3', "coneindex: unknown key; did you mean 'cone_index_kpa'?"),
-        ('[tyre]\nkind = "sol"', "tyre.kind: unknown kind 'sol'; did you mean 'soil'?"),
+        ('[plant.tyre]\nkind = "soil"\ncone_index_kpa = -1', "plant.tyre.cone_index_kpa: must be above 0, got -1"),
+        ('kind = "soil"\n', "kind: unknown key"),
+        ('[plant.tyre]\nkind = "sol"', "plant.tyre.kind: unknown kind 'sol'; did you mean 'soil'?"),
         ('[plant.tyre]\nkind = "soil"\nply = 3', "plant.tyre.ply: must be one of 'bias' or 'radial'"),
-        ("trail_m = 1", "kind: is missing; set it to one of contact, linear"),
-        ("tyre = 3", "tyre: must be a table, got 3"),
-        ('kind = "soil"\n[tractor]\nmass_kg = -1', "tractor.mass_kg: must be at least 50, got -1"),
+        ('plant.kind = "bicycle"', "plant.kind: must be 'mujoco', got 'bicycle'"),
+        ('[plant.tyre]\nkind = "soil"\n[tractor]\nmass_kg = -1', "tractor.mass_kg: must be at least 50, got -1"),
         ("kind = ", "not valid TOML"),
     ],
 )
@@ -201,12 +200,12 @@ def test_error_for_an_invalid_tyre_file_names_the_key(tmp_path, text, told):
 def test_error_for_an_unknown_tyre_lists_the_available_tyres(tmp_path):
     with pytest.raises(ScenarioError, match=r"unknown tyre 'liner'; did you mean 'linear'\? \(known: contact, "):
         rig_command("liner", tmp_path)
-    with pytest.raises(ScenarioError, match="No such file"):
+    with pytest.raises(ScenarioError, match="no such file"):
         rig_command("nowhere.toml", tmp_path)
 
 
 def test_tractor_table_of_a_tyre_file_replaces_the_default_tractor(tmp_path):
-    (tmp_path / "t.toml").write_text('kind = "soil"\n[tractor]\nmass_kg = 780\n')
+    (tmp_path / "t.toml").write_text('[plant.tyre]\nkind = "soil"\n[tractor]\nmass_kg = 780\n')
     assert load_specimen(str(tmp_path / "t.toml")).tractor.mass_kg == 780
     assert load_specimen("soil").tractor == TRACTOR
 
@@ -214,7 +213,7 @@ def test_tractor_table_of_a_tyre_file_replaces_the_default_tractor(tmp_path):
 @pytest.mark.parametrize("radii", [11.0, 1e9])
 def test_relaxation_length_too_long_to_measure_is_rejected(tmp_path, radii):
     file = tmp_path / "tyre.toml"
-    file.write_text(f'kind = "linear"\nrelaxation_radii = {radii}\n')
+    file.write_text(f'[plant.tyre]\nkind = "linear"\nrelaxation_radii = {radii}\n')
     with pytest.raises(ScenarioError, match="relaxation_radii: must be at most 10"):
         rig_command(str(file), tmp_path / "out")
 

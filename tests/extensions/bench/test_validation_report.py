@@ -6,7 +6,7 @@ import pytest
 from pages import check_damage, check_page
 
 from agrobot_mj.simulation.results import claim
-from agrobot_mj.studies.pages import write_report
+from agrobot_mj.studies.pages.report import write_report
 
 pytest.importorskip("plotly", reason="plotly is not installed: pip install 'agrobot-mj[report]'")
 CHECKS = [

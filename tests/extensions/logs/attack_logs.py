@@ -89,9 +89,9 @@ def logs(chance: random.Random) -> str:
         content = bent(chance, content, chance.choice([1, 20]))
     Path("log").write_bytes(content)
     if chance.random() < 0.6:
-        return call(["replay", "--describe", "log"])
+        return call(["twin", "--describe", "log"])
     Path("map.toml").write_text(MAP % chance.choice(["curvature", "steer_demand", "steering_wheel", "speed"]))
-    return call(["replay", "log", "--map", "map.toml", "--set", "plant.kind=bicycle", "--out", "out", "--to", "3"])
+    return call("twin log --only replay --map map.toml --set plant.kind=bicycle --out out --to 3".split())
 
 
 Rows = list[list[str]]

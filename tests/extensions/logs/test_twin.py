@@ -224,7 +224,7 @@ def test_twin_command_calibrates_replays_and_prints_json(one, tmp_path, call):
     assert {"map.toml", "replay.parquet", "replay.png"} <= {path.name for path in folder.iterdir()}
     status, again, err = call("calibrate", *given[:-2])
     assert status == 0
-    assert err.startswith("calibrate: use `agrobot-mj twin LOG --only calibrate`")
+    assert err.startswith("calibrate: use `agrobot-mj twin --only calibrate`")
     assert (folder / "map.toml").read_text().strip() in again
 
 

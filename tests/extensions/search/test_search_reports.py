@@ -8,8 +8,8 @@ from pages import charts_of, check_damage, check_page, page_of
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.simulation.results import claim
-from agrobot_mj.studies.pages import write_report
-from agrobot_mj.studies.sweep import SweepOptions, sweep
+from agrobot_mj.studies.pages.report import write_report
+from agrobot_mj.studies.sweep.runner import SweepOptions, sweep
 
 pytest.importorskip("plotly", reason="plotly is not installed: pip install 'agrobot-mj[report]'")
 LIMIT = {

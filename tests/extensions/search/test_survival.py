@@ -6,7 +6,7 @@ from importlib import import_module
 import pytest
 
 from agrobot_mj import load_scenario
-from agrobot_mj.studies.engine import Done
+from agrobot_mj.studies.engine.tasks import Done
 
 pytest.importorskip("agrobot_mj.extensions.learners", reason="its laws are those of the sweep `controllers`")
 survival = import_module("measured.survival")

@@ -21,7 +21,7 @@ from agrobot_mj.extensions.search.tune import (
 from agrobot_mj.extensions.search.tuning_cases import TuningCase, read_tuning, tuning_cases
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.reference import families
-from agrobot_mj.studies.engine import perform
+from agrobot_mj.studies.engine.tasks import perform
 from agrobot_mj.studies.pieces import pieces
 
 SHORT = {"plant.kind": "bicycle", "duration_s": 6.0, "path.kind": "lane_change"}

@@ -7,7 +7,7 @@ from standing import AWAY, standing
 from agrobot_mj import load_scenario
 from agrobot_mj.extensions.search.tune import FAILED, MOST, judge, task_of
 from agrobot_mj.extensions.search.tuning_cases import TuningCase
-from agrobot_mj.studies.engine import perform
+from agrobot_mj.studies.engine.tasks import perform
 
 
 def test_tuning_prefers_a_moving_law_over_a_stationary_one():

@@ -8,8 +8,8 @@ import pyarrow.parquet as pq
 import pytest
 from row_files import row_file
 
-from agrobot_mj.studies.sweep import SweepOptions
-from agrobot_mj.studies.sweep import sweep as run_sweep
+from agrobot_mj.studies.sweep.runner import SweepOptions
+from agrobot_mj.studies.sweep.runner import sweep as run_sweep
 
 TEXT = """
 base = "circle"

@@ -25,9 +25,10 @@ from typer.main import get_command
 from agrobot_mj import cli, load_scenario, run
 from agrobot_mj.simulation.results import MARK
 from agrobot_mj.studies.engine import resume, tasks, workers
-from agrobot_mj.studies.sweep import SweepOptions, read_sweep
-from agrobot_mj.studies.sweep import sweep as run_sweep
 from agrobot_mj.studies.sweep.plan import SweepPlan
+from agrobot_mj.studies.sweep.runner import SweepOptions
+from agrobot_mj.studies.sweep.runner import sweep as run_sweep
+from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.store import Store
 
 TEXT = """

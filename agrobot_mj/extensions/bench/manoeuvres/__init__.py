@@ -3,8 +3,3 @@
 Most manoeuvres use the plants directly, without sensors and controllers. Closed-loop manoeuvres simulate complete
 scenarios.
 """
-
-from agrobot_mj.extensions.bench.manoeuvres.base import Check
-from agrobot_mj.extensions.bench.manoeuvres.suite import validate
-
-__all__ = ["Check", "validate"]

@@ -54,6 +54,7 @@ from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, force_tyre
 from agrobot_mj.extensions.bench.manoeuvres.side_slope import in_linear_range, linear_slip
 from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor
 from agrobot_mj.scenario import Scenario, load_scenario
+from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.run import run as simulate
 
 GRADES_DEG = (5.0, 10.0, 15.0)
@@ -162,13 +163,19 @@ def drive(
         "sensors.imu.wander_sigma_deg": 0.0,
     }
     scenario = load_scenario("straight_line", given)
-    log, sign = simulate(scenario), 1.0 if heading_deg == 0.0 else -1.0
-    rest = slice(-round(SETTLED_S / TICK_S), None)
-    heading = [wrap(yaw) for yaw in (log.column("yaw") - log.column("yaw_ref"))[rest]]
-    roll, crab, steer = (
-        sign * float(np.mean(v)) for v in (log.column("roll")[rest], heading, log.column("steer")[rest])
-    )
-    return SlopeDrive(scenario, -sign * float(log.column("e_lateral")[rest].mean()), SlopeState(roll, crab, steer))
+    return mean_drive(scenario, simulate(scenario), SETTLED_S, 1.0 if heading_deg == 0.0 else -1.0)
+
+
+NAMES = ("roll", "yaw", "yaw_ref", "steer", "e_lateral")  # Columns of the log that describe a steady state
+
+
+def mean_drive(scenario: Scenario, log: Log, seconds: float, sign: float = 1.0) -> SlopeDrive:
+    """Return the mean state in the last `seconds` [s] of the run of a scenario along a contour line. `sign` is -1 if
+    the right side of the tractor is uphill."""
+    columns = {name: log.column(name)[-round(seconds / TICK_S) :] for name in NAMES}
+    crab = [wrap(yaw) for yaw in columns["yaw"] - columns["yaw_ref"]]
+    state = (sign * float(np.mean(values)) for values in (columns["roll"], crab, columns["steer"]))
+    return SlopeDrive(scenario, -sign * float(columns["e_lateral"].mean()), SlopeState(*state))
 
 
 def run(m: Trial) -> Iterator[Check]:

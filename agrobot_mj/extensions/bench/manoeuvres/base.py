@@ -6,10 +6,11 @@ and are never widened. A check outside its band fails. Internal units are SI and
 
 from collections.abc import Callable, Iterator
 from math import inf, isfinite
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from agrobot_mj.core.signals import Truth
-from agrobot_mj.machine import TractorParameters
+from agrobot_mj.machine import Machine, TractorParameters
+from agrobot_mj.machine.implements import Drawn
 from agrobot_mj.plants import Bicycle, BicyclePlant, Clock, MujocoPlant
 from agrobot_mj.plants.driver import LEVEL, ORIGIN, STOCK, mujoco_plant
 from agrobot_mj.scenario.reference import families
@@ -18,17 +19,22 @@ from agrobot_mj.tyres.bearing import FIRM
 
 BICYCLE = "bicycle"
 """Subject of checks on the bicycle model. The subject of checks on a MuJoCo tractor is the type of its tyres."""
+POWERS = {"_kg": 3, "_kg_m2": 5, "_m": 1}  # Powers of the length scale of quantities, keyed by the suffix of their keys
+Scaled = TypeVar("Scaled", TractorParameters, Drawn)
 
 
-def tractor_of(mass_kg: float) -> TractorParameters:
-    """Return the default tractor with masses, inertias and lengths scaled geometrically to a mass [kg]. Tyre keys are
-    not scaled."""
-    p = TractorParameters()
-    size = (mass_kg / p.mass_kg) ** (1 / 3)
-    powers = {"_kg": 3, "_kg_m2": 5, "_m": 1}
-    given = {key: value for key, value in p.model_dump().items() if value is not None}
-    power = {key: next((n for end, n in powers.items() if key.endswith(end)), 0) for key in given}
-    return p.model_copy(update={key: given[key] * size**n for key, n in power.items() if n and "_tyre_" not in key})
+def scale_to_mass(parameters: Scaled, mass_kg: float) -> Scaled:
+    """Return a tractor or an implement with masses, inertias and lengths scaled geometrically to a mass [kg]. Tyre keys
+    are not scaled."""
+    size = (mass_kg / parameters.mass_kg) ** (1 / 3)
+    given = {key: value for key, value in parameters.model_dump().items() if value is not None and "tyre_" not in key}
+    power = {key: next((n for end, n in POWERS.items() if key.endswith(end)), 0) for key in given}
+    return parameters.model_copy(update={key: given[key] * size**n for key, n in power.items() if n})
+
+
+def machine_of_mass(mass_kg: float) -> Machine:
+    """Return the default machine with a tractor scaled to a mass [kg]. Steering and drive follow from the tractor."""
+    return Machine(tractor=scale_to_mass(TractorParameters(), mass_kg))
 
 
 class Check(NamedTuple):

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from agrobot_mj.core.signals import NEUTRAL_V, WHEELS, Drive
-from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, force_tyres, tractor_of
+from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, force_tyres, machine_of_mass
 from agrobot_mj.extensions.bench.manoeuvres.coasting import spin_inertia
 from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor
 from agrobot_mj.machine import Machine
@@ -39,7 +39,7 @@ CAPACITY_N_M, STOPPING_N_M = 1000.0, 700.0
 [N m]."""
 ROLLING_M_S = 0.0003
 """Speed above which the tractor counts as rolling [m/s]: 1 % of the speed for full rolling resistance."""
-FROM_M_S, TO_M_S = 2.5, 0.5
+FASTEST_M_S, FROM_M_S, TO_M_S = 3.0, 2.5, 0.5
 BAND = 0.02
 MASSES_KG, PARKED_DEG = (700.0, 2000.0, 5000.0, 9000.0), 12.0
 DRIFT_MM = 1.0
@@ -57,22 +57,22 @@ def release_torque(plant: MujocoPlant, needed: float) -> float:
     return torque
 
 
-def deceleration(plant: MujocoPlant) -> float:
-    """Return the deceleration on level ground from `FROM_M_S` to `TO_M_S` with the brake torque `STOPPING_N_M`
-    [m/s2]."""
-    plant.data.qvel[0] = 3.0
+def deceleration(plant: MujocoPlant, brake: float, speed: float, fast: float, slow: float) -> float:
+    """Return the deceleration by the `brake` (0 to 1) on level ground from a speed `fast` to `slow` [m/s2]. The tractor
+    initially rolls at `speed` [m/s]."""
+    plant.data.qvel[0] = speed
     for wheel, radius in zip(WHEELS, plant.tyred.tyres.radius, strict=True):
-        plant.data.qvel[plant.model.joint(f"spin_{wheel}").dofadr[0]] = 3.0 / radius
-    return -acceleration(plant, Drive(NEUTRAL_V, NEUTRAL_V, STOPPING_N_M / CAPACITY_N_M), FROM_M_S, TO_M_S)
+        plant.data.qvel[plant.model.joint(f"spin_{wheel}").dofadr[0]] = speed / radius
+    return -acceleration(plant, Drive(NEUTRAL_V, NEUTRAL_V, brake), fast, slow)
 
 
 def parked_displacement(m: Trial, mass_kg: float) -> float:
     """Return the displacement of a parked tractor with tyres scaled to its mass [mm]: the maximum of its initial
     distance from the origin and its displacement in ten seconds."""
     share = mass_kg / TractorParameters().mass_kg
-    grown = {key: share * value for key, value in Linear().model_dump().items() if key.endswith(("_n_rad", "_n"))}
+    stiffer = {key: share * value for key, value in Linear().model_dump().items() if key.endswith(("_n_rad", "_n"))}
     slope = Slope(grade_deg=PARKED_DEG, direction_deg=20.0)
-    plant, start = m.mujoco(Linear(**grown), slope, Machine(tractor=tractor_of(mass_kg)))
+    plant, start = m.mujoco(Linear(**stiffer), slope, machine_of_mass(mass_kg))
     *_, end = hold(plant, 10.0, Drive(NEUTRAL_V, NEUTRAL_V, 1.0))
     return 1e3 * max(hypot(start.x, start.y), dist((start.x, start.y), (end.x, end.y)))
 
@@ -93,7 +93,8 @@ def stopping(m: Trial, tyre: Any) -> Check:
     r, resisted = Tractor(plant.tractor, tyre).rolling()
     moved = plant.tractor.mass_kg + float(np.sum(spin_inertia(plant) / r**2))
     about = m.about(f"deceleration under {STOPPING_N_M:g} N m", tyre.kind, "m/s2")
-    return about.near(deceleration(plant), (STOPPING_N_M / r[2] + resisted) / moved, BAND)
+    measured = deceleration(plant, STOPPING_N_M / CAPACITY_N_M, FASTEST_M_S, FROM_M_S, TO_M_S)
+    return about.near(measured, (STOPPING_N_M / r[2] + resisted) / moved, BAND)
 
 
 def run(m: Trial) -> Iterator[Check]:

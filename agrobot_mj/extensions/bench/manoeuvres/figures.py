@@ -6,7 +6,6 @@ from math import degrees
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -18,7 +17,7 @@ from agrobot_mj.extensions.bench.manoeuvres.side_slope import linear_slip
 from agrobot_mj.extensions.bench.manoeuvres.step_steer import Step
 from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor
 from agrobot_mj.scenario.loading import load_scenario
-from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
+from agrobot_mj.studies.style import PANEL_WIDTH_IN, write_figure
 from agrobot_mj.tyres import Linear
 
 COLOURS = {BICYCLE: BLACK, "linear": BLUE, "magic_formula": VERMILION, "soil": GREEN, "contact": GREY}
@@ -29,12 +28,8 @@ STYLES = dict(zip(ESTIMATORS, ("-", "--", ":"), strict=True))
 
 def write_figures(found: Mapping[str, Trial], folder: Path) -> list[Path]:
     """Write the figures of all manoeuvres in `found` (trials by name) to `folder`, and return the file paths."""
-    with mpl.rc_context(STYLE):
-        return [
-            save(draw(found[manoeuvre].curves), folder / f"{draw.__name__}.png")
-            for manoeuvre, draw in FIGURES.items()
-            if manoeuvre in found
-        ]
+    drawn = {draw: found[name].curves for name, (draw, _) in FIGURES.items() if name in found}
+    return [write_figure(folder / f"{draw.__name__}.png", draw, curves) for draw, curves in drawn.items()]
 
 
 def step_steer(steps: Mapping[str, Step]) -> Figure:
@@ -118,10 +113,10 @@ def _colour(subject: str) -> str:
     return COLOURS.get(subject, SPARE_COLOUR)
 
 
-FIGURES: dict[str, Callable[[Any], Figure]] = {
-    "step steer": step_steer,
-    "side slope": side_slope,
-    "antenna lean": antenna_lean,
-    "constant radius": understeer,
+FIGURES: dict[str, tuple[Callable[[Any], Figure], str]] = {
+    "side slope": (side_slope, "Crab angle across a side slope: simulation (markers) and theory (lines)"),
+    "antenna lean": (antenna_lean, "Error of the CG along a side slope: simulation (markers) and theory (lines)"),
+    "constant radius": (understeer, "Understeer: simulation (markers) and theory (lines)"),
+    "step steer": (step_steer, "Step steer at 4 m/s"),
 }
-"""Plot functions by manoeuvre name. Each figure file is named after its function."""
+"""Function and caption of each figure, by manoeuvre name. Each figure file is named after its function."""

@@ -47,10 +47,10 @@ class Turning(NamedTuple):
     offset: float  # Mean of the signed torques of both directions [N m], positive to the left
 
 
-def volts(machine: Machine, side: int, rate_deg_s: float) -> float:
-    """Return the valve voltage for a steady steering rate to one side (1 left, -1 right) [V]."""
+def volts(machine: Machine, side: int) -> float:
+    """Return the valve voltage for the steering rate `RATE_DEG_S` to one side (1 left, -1 right) [V]."""
     gain = machine.valve.gain_left_l_min_v if side > 0 else machine.valve.gain_right_l_min_v
-    flow = radians(rate_deg_s) * machine.cylinder.displacement * 6e4
+    flow = radians(RATE_DEG_S) * machine.cylinder.displacement * 6e4
     return NEUTRAL_V + side * (machine.valve.dead_band_v + flow / gain)
 
 
@@ -68,7 +68,7 @@ def sweep(driver: Driver, machine: Machine, middle_deg: float = 0.0) -> Turning:
     torques: dict[int, list[float]] = {1: [], -1: []}
     for turn, side in enumerate((1, -1, 1)):
         for _ in range(200):
-            angle = degrees(driver.go_by_voltage(0.05, volts(machine, side, RATE_DEG_S)).truths[-1].steer) - middle_deg
+            angle = degrees(driver.go_by_voltage(0.05, volts(machine, side)).truths[-1].steer) - middle_deg
             pressure = driver.plant.actuation()[1]
             if turn and abs(angle) < WITHIN_DEG:
                 torques[side].append(pressure * machine.cylinder.displacement)
@@ -118,8 +118,8 @@ def relief_checks(m: Trial, tyre: Any) -> Iterator[Check]:
     rates = []
     for speed in (0.0, SPEED_M_S):
         driver = driver_of(plant, speed)
-        driver.go_by_voltage(1.0, volts(machine, 1, RATE_DEG_S))
-        seen = driver.go_by_voltage(0.5, volts(machine, 1, RATE_DEG_S))["steer"]
+        driver.go_by_voltage(1.0, volts(machine, 1))
+        seen = driver.go_by_voltage(0.5, volts(machine, 1))["steer"]
         rates.append(degrees(seen[-1] - seen[0]) / (0.05 * (len(seen) - 1)))
     weak = "steering rate under weak relief"
     yield m.about(f"{weak}, parked", tyre.kind, "deg/s").below(abs(rates[0]), 0.2)
@@ -146,7 +146,7 @@ def trailing(m: Trial, tyre: Any) -> Check:
         plant, _ = m.mujoco(tyre, machine=machine)
         driver = driver_of(plant, 3.0)
         for _ in range(200):
-            if degrees(driver.go_by_voltage(0.05, volts(machine, 1, RATE_DEG_S)).truths[-1].steer) > 10.0:
+            if degrees(driver.go_by_voltage(0.05, volts(machine, 1)).truths[-1].steer) > 10.0:
                 break
         driver.go_by_voltage(4.0, NEUTRAL_V)
         torques.append(plant.actuation()[1] * machine.cylinder.displacement)

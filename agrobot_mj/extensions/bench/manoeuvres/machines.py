@@ -12,11 +12,8 @@ from collections.abc import Iterator
 from math import atan, cos, degrees, radians, tan
 from typing import Any
 
-import numpy as np
-
 from agrobot_mj.core.resources import machine_files
-from agrobot_mj.core.signals import TICK_S
-from agrobot_mj.extensions.bench.manoeuvres.antenna_lean import GAINS, SlopeState, offset
+from agrobot_mj.extensions.bench.manoeuvres.antenna_lean import GAINS, mean_drive, offset
 from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial
 from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor
 from agrobot_mj.plants import Mujoco
@@ -53,15 +50,11 @@ def _on_slope(m: Trial, machine: str) -> Iterator[Check]:
     scenario = scenario_of(machine)
     assert isinstance(scenario.plant, Mujoco), machine
     tyre, log = scenario.plant.tyre, simulate(scenario)
-    rest = slice(-round(SETTLED_S / TICK_S), None)
-    mean = {name: float(np.mean(log.column(name)[rest])) for name in ("yaw", "yaw_ref", "roll", "steer", "e_lateral")}
-    crab = mean["yaw"] - mean["yaw_ref"]
-    slip = degrees(atan(tan(crab) / cos(radians(GRADE_DEG))))
-    start = 1e3 * float(np.abs(log.column("speed")[0]))
-    held = offset(scenario, SlopeState(mean["roll"], crab, mean["steer"]))
+    found, start = mean_drive(scenario, log, SETTLED_S), 1e3 * abs(float(log.column("speed")[0]))
+    slip = degrees(atan(tan(found.state.crab) / cos(radians(GRADE_DEG))))
     yield m.about(f"speed at the start, {machine}", tyre.kind, "mm/s").below(start, REST_MM_S)
     balance = Tractor(scenario.tractor, tyre).side_slope(GRADE_DEG)
     about = m.about(f"slip angle of the rear wheels, {GRADE_DEG:g} deg, {machine}", tyre.kind, "deg")
     yield about.near(slip, degrees(balance.rear_slip), BAND)
     about = m.about(f"offset from the line, {GRADE_DEG:g} deg, {machine}", tyre.kind, "cm")
-    yield about.close(-100 * mean["e_lateral"], 100 * held, ROOM_CM)
+    yield about.close(100 * found.offset, 100 * offset(scenario, found.state), ROOM_CM)

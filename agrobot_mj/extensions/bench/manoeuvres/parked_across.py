@@ -11,9 +11,8 @@ increase this fraction, as in the section on axle loads. Roll on soil shifts the
 from collections.abc import Iterator
 from math import hypot
 
-from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, tractor_of
+from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, machine_of_mass
 from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor
-from agrobot_mj.machine import Machine
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants import MujocoPlant
 from agrobot_mj.plants.driver import hold
@@ -34,7 +33,7 @@ def run(m: Trial) -> Iterator[Check]:
     """Yield checks of parked tractors of every mass on soft and firm ground. Quick mode tests the default tractor."""
     for mass in MASSES_KG[:1] if m.quick else MASSES_KG:
         for tyre in (MagicFormula(), Soil(), Ruts()):
-            plant, truth = m.mujoco(tyre, SLOPE, Machine(tractor=tractor_of(mass)))
+            plant, truth = m.mujoco(tyre, SLOPE, machine_of_mass(mass))
             before, tractor = deepest(plant), plant.tractor
             *_, later = hold(plant, WATCHED_S)
             loads = plant.tyred.report[:, LOAD]

@@ -17,7 +17,7 @@ from math import atan, cos, degrees, radians, tan
 import numpy as np
 
 from agrobot_mj.core.signals import NEUTRAL_V
-from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, tractor_of
+from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, machine_of_mass, scale_to_mass
 from agrobot_mj.extensions.bench.manoeuvres.theory import crab_of_any_mass
 from agrobot_mj.extensions.bench.rig.wheel import FRONT, REAR, Rig, Setting, static_load
 from agrobot_mj.machine import Machine, TractorParameters
@@ -33,20 +33,6 @@ BAND, PARKED_BAND, HITCH_DEG = 0.03, 0.15, 0.1
 """Acceptance limits of crab angle and peak force [relative], parking torque [relative], and hitch angle [deg]."""
 TYRE = MagicFormula()
 PEAKS_DEG = np.arange(5.0, 41.0, 1.0)  # Slip angles at which the force is computed to find its peak [deg]
-
-
-def tractor_of_mass(mass_kg: float) -> Machine:
-    """Return the default machine scaled to a mass [kg]. Tyres, steering and drive are sized for the scaled tractor."""
-    return Machine(tractor=tractor_of(mass_kg))
-
-
-def trailer(mass_kg: float) -> Drawn:
-    """Return the default trailer scaled geometrically to a mass [kg]."""
-    p = Drawn()
-    s = mass_kg / p.mass_kg
-    keys = [key for key in Drawn.model_fields if key.endswith("_m") and not key.startswith("tyre_")]
-    lengths = {key: getattr(p, key) * s ** (1 / 3) for key in keys}
-    return p.model_copy(update=lengths | {"mass_kg": mass_kg, "wheel_mass_kg": p.wheel_mass_kg * s})
 
 
 def crab(m: Trial, machine: Machine) -> tuple[float, float]:
@@ -84,10 +70,10 @@ def parking_torque(m: Trial, machine: Machine) -> tuple[float, float]:
 def run(m: Trial) -> Iterator[Check]:
     """Yield checks of the default tractor scaled to several masses. Quick mode tests every second mass."""
     for mass in MASSES_KG[1::2] if m.quick else MASSES_KG:
-        machine, size = tractor_of_mass(mass), f"{mass / 1e3:g} t"
+        machine, size = machine_of_mass(mass), f"{mass / 1e3:g} t"
         tractor = machine.tractor
         slipped, _ = crab(m, machine)
-        _, folded = crab(m, machine._replace(implement=trailer(mass / 2)))
+        _, folded = crab(m, machine._replace(implement=scale_to_mass(Drawn(), mass / 2)))
         torque, reached = parking_torque(m, machine)
         about = m.about(f"mean crab angle, {GRADE_DEG:g} deg, {size}", TYRE.kind, "deg")
         yield about.near(slipped, crab_of_any_mass(tractor, TYRE, GRADE_DEG), BAND)

@@ -17,12 +17,13 @@ from math import dist
 from typing import Any
 
 from agrobot_mj.core.resources import machine_files
-from agrobot_mj.core.signals import NEUTRAL_V, WHEELS, Drive
+from agrobot_mj.core.signals import NEUTRAL_V, Drive
+from agrobot_mj.extensions.bench.manoeuvres import braking
 from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial
 from agrobot_mj.extensions.bench.manoeuvres.tipping import GRIPPING, STEEPEST_DEG, tilt
 from agrobot_mj.machine.driveline import BRAKING_M_S2
 from agrobot_mj.plants import Mujoco, MujocoPlant
-from agrobot_mj.plants.driver import acceleration, hold
+from agrobot_mj.plants.driver import hold
 from agrobot_mj.scenario import Scenario, load_scenario
 from agrobot_mj.scenario.reference import families
 from agrobot_mj.terrain import Flat, Ground, Slope
@@ -87,10 +88,7 @@ def deceleration(m: Trial, s: Scenario) -> float:
     """Return the deceleration on level ground with the brake fully applied [m/s2]."""
     plant = plant_of(m, s.changed({"driveline.connected": False}), Flat().ground())
     speed = min(FASTEST_M_S, 0.9 * s.driveline.full_speed_m_s)
-    plant.data.qvel[0] = speed
-    for wheel, radius in zip(WHEELS, plant.tyred.tyres.radius, strict=True):
-        plant.data.qvel[plant.model.joint(f"spin_{wheel}").dofadr[0]] = speed / radius
-    return -acceleration(plant, BRAKED, FROM * speed, TO * speed)
+    return braking.deceleration(plant, 1.0, speed, FROM * speed, TO * speed)
 
 
 def run(m: Trial) -> Iterator[Check]:

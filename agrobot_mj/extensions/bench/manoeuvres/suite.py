@@ -11,7 +11,7 @@ from textwrap import dedent
 from agrobot_mj.core.identity import code_text
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.extensions.bench.manoeuvres.base import BICYCLE, About, Check, Run, Trial
-from agrobot_mj.extensions.bench.manoeuvres.figures import write_figures
+from agrobot_mj.extensions.bench.manoeuvres.figures import FIGURES, write_figures
 from agrobot_mj.simulation.results import results, write_json, write_text
 
 HEAD = """# Validation
@@ -26,13 +26,6 @@ A cell contains the measured value, followed by the theoretical value in bracket
 Numbers in *italics* have no band: theory is missing, or the tyre is `contact`, which has no slip law. Numbers in
 **bold** are outside their band.
 """
-FIGURES = {
-    "side slope": ("side_slope.png", "Crab angle across a side slope: simulation (markers) and theory (lines)"),
-    "antenna lean": ("antenna_lean.png", "Error of the CG along a side slope: simulation (markers) and theory (lines)"),
-    "constant radius": ("understeer.png", "Understeer: simulation (markers) and theory (lines)"),
-    "step steer": ("step_steer.png", "Step steer at 4 m/s"),
-}
-"""File name and caption of each figure, by manoeuvre."""
 NEGLIGIBLE = 1e-3  # Magnitude below which a value is shown as smaller than this limit
 
 
@@ -51,8 +44,8 @@ def section(name: str, text: str, checks: Sequence[Check]) -> str:
     title, _, body = text.strip().partition("\n")
     parts = [f"## {title}", opening(body)]
     if name in FIGURES:
-        file, shows = FIGURES[name]
-        parts.append(f"![{shows}](images/{file})")
+        draw, shows = FIGURES[name]
+        parts.append(f"![{shows}](images/{draw.__name__}.png)")
     return "\n\n".join([*parts, table(checks)]) + "\n"
 
 

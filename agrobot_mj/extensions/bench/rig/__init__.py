@@ -9,17 +9,18 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.extensions.bench.rig.figures import FIGURES, write_figures
+from agrobot_mj.extensions.bench.rig.figures import FIGURES
 from agrobot_mj.extensions.bench.rig.sweep import load_specimen, sweep
 from agrobot_mj.extensions.bench.rig.towed import Towed
 from agrobot_mj.extensions.bench.rig.wheel import FRONT, REAR, Rig, Setting
 from agrobot_mj.simulation.results import atomic, results
+from agrobot_mj.studies.style import write_figures
 
 __all__ = ["FRONT", "REAR", "Rig", "Setting", "Towed", "load_specimen", "rig_command"]
 
 
 def rig_command(source: str, out: Path) -> list[Path]:
-    """Measure a tyre, given by type or TOML file, on the rig. Write curves and figures to `out`, and return the file
+    """Measure a tyre, given by type or scenario, on the rig. Write curves and figures to `out`, and return the file
     paths."""
     specimen = load_specimen(source)
     with results(out, ("curves.parquet", *(f"{draw.__name__}.png" for draw in FIGURES))):
@@ -29,4 +30,4 @@ def rig_command(source: str, out: Path) -> list[Path]:
             raise ScenarioError(f"{source}: {error}") from None
         with atomic(out / "curves.parquet") as temporary:
             pq.write_table(table, temporary, compression="zstd")
-        return [out / "curves.parquet", *write_figures(table, out)]
+        return [out / "curves.parquet", *write_figures(out, FIGURES, table)]

@@ -4,9 +4,7 @@ Forces and slips keep their signs: a lateral force has the opposite sign of its 
 """
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -16,18 +14,11 @@ from matplotlib.figure import Figure
 from agrobot_mj.core.palette import BLACK, BLUE, GREEN, ORANGE, SKY_BLUE, VERMILION
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.bench.rig.sweep import CREEP_DEG, LOADS, SPEED_M_S, SPEEDS_M_S
-from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
+from agrobot_mj.studies.style import PANEL_WIDTH_IN
 
 SHADES = (SKY_BLUE, BLUE, ORANGE, VERMILION, GREEN, BLACK)
 WIDTHS = (4.0, 2.8, 1.7, 0.7)  # Line widths of overlapping curves [pt], from the lowest to the uppermost
 COLUMNS_OF_LEGEND = 7
-
-
-def write_figures(table: pa.Table, folder: Path) -> list[Path]:
-    """Plot the table returned by `sweep.sweep`, save the figures in `folder`, and return their paths."""
-    with mpl.rc_context(STYLE):
-        drawn = {draw.__name__: draw(table) for draw in FIGURES}
-        return [save(figure, folder / f"{name}.png") for name, figure in drawn.items() if figure is not None]
 
 
 def lateral(table: pa.Table) -> Figure:
@@ -47,7 +38,7 @@ def aligning(table: pa.Table) -> Figure | None:
     return _by_load(table, "lateral", "mz_n_m", "aligning moment [N m]", 1.0)
 
 
-def plot_combined_slip(table: pa.Table) -> Figure:
+def combined(table: pa.Table) -> Figure:
     """Plot lateral versus longitudinal force at several slip angles, with an ellipse through the maximum forces at pure
     slip."""
     figure, grid = _panels(table, height=2.9)
@@ -82,7 +73,7 @@ def step(table: pa.Table) -> Figure | None:
     return _add_legend(figure, grid, "lateral force over steady [-]")
 
 
-def plot_speeds(table: pa.Table) -> Figure:
+def speed(table: pa.Table) -> Figure:
     """Plot lateral force versus small slip angles at several speeds, for the tyre and for MuJoCo's contact model."""
     own = _kind(table)
     panels = {"contact": "contact"} if own == "contact" else {"lateral": own, "contact": "contact"}
@@ -115,8 +106,8 @@ def hopping(table: pa.Table) -> Figure | None:
     return _add_legend(figure, grid, "time on the ground [-]")
 
 
-FIGURES: list[Callable[[pa.Table], Figure | None]] = [lateral, longitudinal, aligning, plot_combined_slip]
-FIGURES += [step, plot_speeds, hopping]
+FIGURES: list[Callable[[pa.Table], Figure | None]] = [lateral, longitudinal, aligning, combined]
+FIGURES += [step, speed, hopping]
 """Functions that draw one figure each. The PNG file is named after the function."""
 
 

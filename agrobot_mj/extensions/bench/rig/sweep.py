@@ -9,14 +9,14 @@ only), `fx_n`, `fy_n`, `mz_n_m`, `grounded` (see `wheel.Reading`). Rows by `test
     step           response versus the distance after a step in slip angle, at every speed, for tyres with relaxation
     contact        small slip angles with MuJoCo's contact model at every speed, front axle, for comparison
 
-A tyre is given by its type, or by a TOML file that contains the keys of the tyre at the top level, in `[tyre]`, or in
-`[plant.tyre]` as in a scenario. The table `[tractor]` of the file sets sizes and loads.
+A tyre is given by its type, or by a scenario file whose tables `[plant.tyre]` and `[tractor]` set the tyre, sizes and
+loads.
 """
 
 from collections.abc import Iterable, Iterator
 from math import radians
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -24,10 +24,10 @@ import pyarrow as pa
 from agrobot_mj.core.errors import PLUGIN, ScenarioError, suggestion
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.bench.rig.towed import Towed
-from agrobot_mj.extensions.bench.rig.wheel import AXLES, FRONT, Rig, Setting, TestBench, static_load
+from agrobot_mj.extensions.bench.rig.wheel import AXLES, FRONT, Rig, Setting, static_load
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants import Mujoco
-from agrobot_mj.scenario.loading import read_toml
+from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.reference import families
 from agrobot_mj.scenario.schema import resolve
 from agrobot_mj.tyres import Tyre, TyreBase
@@ -42,40 +42,18 @@ class Specimen(NamedTuple):
 
 
 def load_specimen(source: str) -> Specimen:
-    """Return the tyre to be tested. `source` is a type of tyre, which selects its default parameters, or a TOML
+    """Return the tyre to be tested. `source` is a type of tyre, which selects its default parameters, or a scenario
     file."""
     kinds = list(families()["plant.tyre"])
     if source in kinds:
-        return _resolve_specimen({"tyre": {"kind": source}}, "tyre.", source)
-    path = Path(source)
-    if path.suffix != ".toml" and not path.is_file():
-        hint = f"{suggestion(source, kinds)} (known: {', '.join(kinds)}; or a TOML file); {PLUGIN}"
+        scenario = resolve({"plant": {"kind": "mujoco", "tyre": {"kind": source}}}, source)
+    elif source.endswith(".toml") or Path(source).is_file():
+        scenario = load_scenario(Path(source))
+    else:
+        hint = f"{suggestion(source, kinds)} (known: {', '.join(kinds)}; or a scenario file); {PLUGIN}"
         raise ScenarioError(f"unknown tyre {source!r}{hint}")
-    return _resolve_specimen(*_tyre_tables(read_toml(path)), path.name)
-
-
-def _tyre_tables(data: dict[str, Any]) -> tuple[dict[str, Any], str]:
-    """Return the tables `tyre` and `tractor` of a TOML file, and the prefix of its tyre keys, such as `plant.tyre.`."""
-    rest = {key: value for key, value in data.items() if key != "tractor"}
-    tractor = {"tractor": data["tractor"]} if "tractor" in data else {}
-    plant = data.get("plant")
-    if isinstance(plant, dict) and "tyre" in plant:
-        return {"tyre": plant["tyre"], **tractor}, "plant.tyre."
-    return ({**rest, **tractor}, "tyre.") if "tyre" in data else ({"tyre": rest, **tractor}, "")
-
-
-def _resolve_specimen(data: dict[str, Any], prefix: str, source: str) -> Specimen:
-    tyre, known = data.pop("tyre"), ", ".join(families()["plant.tyre"])
-    if not isinstance(tyre, dict):
-        raise ScenarioError(f"{source}: {prefix.rstrip('.')}: must be a table, got {tyre!r}")
-    if "kind" not in tyre:
-        raise ScenarioError(f"{source}: {prefix}kind: is missing; set it to one of {known}")
-    try:
-        scenario = resolve({"plant": {"kind": "mujoco", "tyre": tyre}, **data}, source)
-    except ScenarioError as error:
-        raise ScenarioError(str(error).replace(f"{source}: plant.tyre.", f"{source}: {prefix}")) from None
     if not isinstance(scenario.plant, Mujoco):
-        raise ScenarioError(f"{source}: plant.kind: must be 'mujoco', got {scenario.plant.kind!r}")
+        raise ScenarioError(f"{Path(source).name}: plant.kind: must be 'mujoco', got {scenario.plant.kind!r}")
     return Specimen(scenario.plant.tyre, scenario.tractor)
 
 
@@ -99,7 +77,7 @@ COLUMNS += ["fx_n", "fy_n", "mz_n_m", "grounded"]
 Row = tuple[str | float | None, ...]
 
 
-def bench(tyre: TyreBase, tractor: TractorParameters, wheel: int = FRONT) -> TestBench:
+def bench(tyre: TyreBase, tractor: TractorParameters, wheel: int = FRONT) -> Towed | Rig:
     """Return the test rig of a tyre: `Towed` for the contact model of MuJoCo, otherwise `Rig`."""
     return Towed(tyre.native, tractor, wheel) if tyre.native else Rig(tyre, tractor, wheel)
 
@@ -144,7 +122,7 @@ def both_ways(values: Array) -> Array:
     return np.concatenate([-values[:0:-1], values])
 
 
-def _tests(rig: TestBench, static: float) -> Iterator[Row]:
+def _tests(rig: Towed | Rig, static: float) -> Iterator[Row]:
     """Yield result rows of one wheel: test name, rig setting, distance, forces, moment and contact fraction."""
     loads = [share * static for share in LOADS]
     others = [speed for speed in SPEEDS_M_S if speed != SPEED_M_S]
@@ -156,12 +134,12 @@ def _tests(rig: TestBench, static: float) -> Iterator[Row]:
         yield from (("step", *numbers) for numbers in _step(rig, Setting(speed, radians(STEP_DEG), 0.0, static)))
 
 
-def _steady(rig: TestBench, settings: Iterable[Setting]) -> Iterator[Row]:
+def _steady(rig: Towed | Rig, settings: Iterable[Setting]) -> Iterator[Row]:
     for s in settings:
         yield (s.speed, s.load, s.slip_angle, s.slip_ratio, None, *_forces(rig.steady(s)))
 
 
-def _step(rig: TestBench, s: Setting) -> Iterator[Row]:
+def _step(rig: Towed | Rig, s: Setting) -> Iterator[Row]:
     readings = rig.history(s, STEP_LENGTHS * rig.relaxation)
     for k in np.unique(np.linspace(0, len(readings) - 1, STEP_ROWS).astype(int)):
         distance = (k + 1) / len(readings) * STEP_LENGTHS * rig.relaxation

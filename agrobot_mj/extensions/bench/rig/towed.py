@@ -29,15 +29,13 @@ SETTLE_S, STEADY_S = 1.0, 2.0
 
 
 class Towed:
-    """Tyre rig with the contact model of MuJoCo and the interface `TestBench`."""
+    """Tyre rig with the contact model of MuJoCo and the interface of `Rig`."""
 
     relaxation = 0.0
     """Relaxation length of the contact model, always 0 [m]. Only the constraints of the sled delay the force."""
 
-    def __init__(
-        self, contact: NativeContact, tractor: TractorParameters, wheel: int = FRONT, dt: float = DT_S
-    ) -> None:
-        self.contact, self.tractor, self.wheel, self.dt = contact, tractor, wheel, dt
+    def __init__(self, contact: NativeContact, tractor: TractorParameters, wheel: int = FRONT) -> None:
+        self.contact, self.tractor, self.wheel = contact, tractor, wheel
         self.load = 0.0
 
     def history(self, setting: Setting, distance_m: float) -> Array:
@@ -48,7 +46,7 @@ class Towed:
         data.qpos[:], data.time = self.settled, 0.0
         data.ctrl[:] = data.qvel[self.imposed] = self._velocity(setting)
         data.qvel[2] = 0.0
-        out = np.zeros((max(2, round(distance_m / (setting.speed * self.dt))), 5))
+        out = np.zeros((max(2, round(distance_m / (setting.speed * DT_S))), 5))
         for row in out:
             mujoco.mj_step(model, data)
             row[:] = self._read()
@@ -62,11 +60,11 @@ class Towed:
     def _carry(self, load: float) -> None:
         if load == self.load:
             return
-        self.load, self.model = load, _model(self.contact, self.tractor, WHEELS[self.wheel], load, self.dt)
+        self.load, self.model = load, _model(self.contact, self.tractor, WHEELS[self.wheel], load)
         self.data = mujoco.MjData(self.model)
         joints = ("x", "y", f"{PREFIX}spin_{WHEELS[self.wheel]}")
         self.imposed = [int(self.model.joint(name).dofadr[0]) for name in joints]
-        mujoco.mj_step(self.model, self.data, round(SETTLE_S / self.dt))
+        mujoco.mj_step(self.model, self.data, round(SETTLE_S / DT_S))
         self.settled = self.data.qpos.copy()
         depth = -min(float(c.dist) for c in self.data.contact)
         self.radius = float(self.model.geom(f"{PREFIX}tyre_{WHEELS[self.wheel]}").size[0]) - depth / 2
@@ -83,13 +81,13 @@ class Towed:
         return sign * fx, sign * fy, 0.0, sign * fz, float(touches > 0.0)
 
 
-def _model(contact: NativeContact, tractor: TractorParameters, wheel: str, load: float, dt: float) -> mujoco.MjModel:
+def _model(contact: NativeContact, tractor: TractorParameters, wheel: str, load: float) -> mujoco.MjModel:
     """Return a MuJoCo model of sled, wheel and level ground, with imposed velocities along x and y and imposed spin."""
     whole = tractor_spec(Machine(tractor))
     spec = mujoco.MjSpec()
     for name in ("integrator", "cone"):
         setattr(spec.option, name, getattr(whole.option, name))
-    spec.option.timestep, spec.option.impratio = dt, contact.impratio
+    spec.option.timestep, spec.option.impratio = DT_S, contact.impratio
     body = whole.body(f"wheel_{wheel}")
     mass, radius = load / GRAVITY - body.mass, float(whole.geom(f"tyre_{wheel}").size[0])
     if mass <= 0:

@@ -4,7 +4,7 @@ The wheel centre moves at a constant velocity and height. The wheel's heading is
 forces are reported by the kernel. The moment is the vertical component of the kernel's wrench.
 """
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,20 +49,6 @@ class Reading(NamedTuple):
 def static_load(tractor: TractorParameters, wheel: int) -> float:
     """Return the static load of one wheel on level ground [N]."""
     return (tractor.front_wheel if wheel == FRONT else tractor.rear_wheel).load
-
-
-class TestBench(Protocol):
-    """Interface of tyre rigs with one wheel, independent of the tyre model."""
-
-    relaxation: float
-    """Relaxation length of the tyre [m], or 0 for a tyre without relaxation."""
-
-    def history(self, setting: Setting, distance_m: float) -> Array:
-        """Impose the motion of a setting over `distance_m` [m]. Return one `Reading` per time step, shape (steps,
-        5)."""
-
-    def steady(self, setting: Setting) -> Reading:
-        """Return forces, moment and fraction of time in contact with the ground in steady state."""
 
 
 @jit

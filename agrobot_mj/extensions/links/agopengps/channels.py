@@ -8,7 +8,6 @@ A board runs its control loop at 40 Hz. Therefore `rest` lasts 25 ms of the 50 m
 import time
 from collections.abc import Callable, Iterator
 from math import inf
-from typing import Protocol
 
 from agrobot_mj.core.agopengps.traffic import Datagram
 from agrobot_mj.core.signals import TICK_S
@@ -20,33 +19,14 @@ QUIET_S = 0.010  # Time before each position in which no report is sent [s], bec
 ANSWER_S = 0.5  # Time limit for the reply of a host that determines the pace of the run [s]. Assumed value.
 
 
-class Channel(Protocol):
-    """Interface of channels that exchange datagrams with the host."""
-
-    @property
-    def pace(self) -> Pace | None:
-        """Timing statistics of the exchange, or None for a channel without a clock."""
-        ...
-
-    def begin(self, turn: int) -> Iterator[Incoming]:
-        """Wait until the cycle `turn` is due, and return the datagrams received since the previous cycle."""
-        ...
-
-    def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
-        """Return the datagrams received between the position message and the steering output of a cycle. `answered()`
-        returns whether the host has replied."""
-        ...
-
-    def send(self, data: bytes, target: tuple[str, int] | None = None) -> tuple[float, str]:
-        """Send a datagram to the host or to `target`. Return the wall-clock time [s] and the address."""
-        ...
-
-
 class _Sockets:
+    """Base class of channels over sockets. `pace` contains timing statistics, or None for a channel without a clock."""
+
     def __init__(self, sockets: UdpSockets) -> None:
         self.sockets, self.opened = sockets, time.perf_counter()
 
     def send(self, data: bytes, target: tuple[str, int] | None = None) -> tuple[float, str]:
+        """Send a datagram to the host or to `target`. Return the wall-clock time [s] and the address."""
         self.sockets.send(data, target)
         host, port = target or self.sockets.target
         return time.perf_counter() - self.opened, f"{host}:{port}"
@@ -91,7 +71,7 @@ class Answered(_Sockets):
         return self._received(time.perf_counter() + wait)
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
-        """Return the datagrams received until the host has replied, or until a time limit."""
+        """Return the datagrams received until `answered()` is true (the host has replied), or until a time limit."""
         if answered():
             return
         for incoming in self._received(time.perf_counter() + (ANSWER_S if self.alive else BOARD_LOOP_S)):
@@ -124,3 +104,6 @@ class Replayed:
     def send(self, data: bytes, target: tuple[str, int] | None = None) -> tuple[float, str]:
         """Discard the datagram, because no host is connected."""
         return 0.0, "replay"
+
+
+Channel = RealTime | Answered | Replayed

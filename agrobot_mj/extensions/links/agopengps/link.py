@@ -39,13 +39,6 @@ class LinkRun(NamedTuple):
     session: Session
 
 
-class LinkCheck(NamedTuple):
-    """Results of a connection check."""
-
-    block: dict[str, Any]  # Metrics of the link
-    lines: list[str]  # Results as text
-
-
 def link(
     scenario: Scenario,
     folder: Path,
@@ -61,12 +54,14 @@ def link(
     return done.log
 
 
-def check(scenario: Scenario, options: LinkOptions, should_stop: Callable[[], bool] = lambda: False) -> LinkCheck:
-    """Run a scenario steered by a host for `CHECK_S` seconds, and return the results of the connection check. Raises
-    `ScenarioError` or `NoHostError`."""
+def check(
+    scenario: Scenario, options: LinkOptions, should_stop: Callable[[], bool] = lambda: False
+) -> tuple[dict[str, Any], list[str]]:
+    """Run a scenario steered by a host for `CHECK_S` seconds. Return the metrics of the link, and the results of the
+    connection check as text. Raises `ScenarioError` or `NoHostError`."""
     log = _run_connected(scenario.changed({"duration_s": CHECK_S}), options, (), should_stop).log
     block = log.metrics["link"]
-    return LinkCheck(block, list(check_lines(scenario, log, block)))
+    return block, list(check_lines(scenario, log, block))
 
 
 def _run_connected(

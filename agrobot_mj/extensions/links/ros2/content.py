@@ -220,11 +220,11 @@ def request(s: TickSample) -> Content:
     return {"linear": vector(s.cmd_speed, 0.0, 0.0), "angular": vector(0.0, 0.0, s.cmd_yaw_rate)}
 
 
-def path(scenario: Scenario, t: float = 0.0) -> Content:
+def path(scenario: Scenario) -> Content:
     """Return `nav_msgs/Path` with the reference path of the CG."""
     end = max(scenario.ticks * TICK_S, scenario.path.duration_s)
     count = int(np.clip(end * scenario.path.speed_m_s / PATH_STEP_M, 2, MOST_PATH_POINTS))
-    at = header(stamp(t), "map")
+    at = header(stamp(0.0), "map")
     points = [scenario.path.at(time) for time in np.linspace(0.0, end, count).tolist()]
     poses = [{"position": vector(r.x, r.y, 0.0), "orientation": quaternion(0.0, 0.0, r.yaw)} for r in points]
     return {"header": at, "poses": [{"header": at, "pose": pose} for pose in poses]}

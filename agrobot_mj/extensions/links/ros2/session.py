@@ -12,7 +12,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from math import nan
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -23,14 +23,13 @@ from agrobot_mj.extensions.links.cmd_vel import CmdVel, VelocityRequest
 from agrobot_mj.extensions.links.pacing import Pace
 from agrobot_mj.extensions.links.ros2.content import (
     AGAIN_TICKS,
-    Content,
     TickSample,
     messages,
     path,
     sample_of,
     site_of,
 )
-from agrobot_mj.extensions.links.ros2.node import LATCHED, RosNode, VelocityMessage, full_topic
+from agrobot_mj.extensions.links.ros2.node import LATCHED, RosNode, full_topic
 from agrobot_mj.extensions.links.ros2.profile import loopback_only
 from agrobot_mj.extensions.links.running import NotBegunError, gyro_heading, run_session
 from agrobot_mj.scenario.schema import Scenario
@@ -54,30 +53,6 @@ class NoProgramError(NotBegunError):
     """Exception for an external program that does not send a command on /cmd_vel within the waiting time."""
 
 
-class Port(Protocol):
-    """Interface of a ROS node or test double, which receives commands and sends messages."""
-
-    heard: int
-    """Number of valid commands received."""
-    refused: int
-    """Number of ignored commands with NaN or infinite values."""
-    last: VelocityMessage | None
-    """Newest velocity command, or None before the first command."""
-
-    def publish(self, topic: str, content: Content) -> None:
-        """Publish a message on a topic."""
-        ...
-
-    def spin(self, until: float, enough: Callable[[], bool] = lambda: False) -> None:
-        """Process messages until the `time.perf_counter` value `until` [s], or until `enough()` is True."""
-        ...
-
-    def problem(self) -> str:
-        """Return the reason why no commands arrive on /cmd_vel, with a remedy, or an empty string if the reason is
-        unknown."""
-        ...
-
-
 class RosOptions(NamedTuple):
     """Options of a run as a ROS node, in addition to the scenario."""
 
@@ -99,7 +74,7 @@ class RosOptions(NamedTuple):
 class RosSession:
     """Run controlled by velocity commands over a port. The method `run` may only be called once."""
 
-    def __init__(self, sim: Simulation, port: Port, options: RosOptions) -> None:
+    def __init__(self, sim: Simulation, port: RosNode, options: RosOptions) -> None:
         spec: GuidanceLaw = sim.scenario.guidance
         if not isinstance(spec, CmdVel):
             raise ScenarioError(f'guidance.kind: "{spec.kind}" is not controlled by /cmd_vel; set it to "cmd_vel"')
@@ -241,7 +216,7 @@ def ros2(
 
 def run_over(
     scenario: Scenario,
-    port: Port,
+    port: RosNode,
     options: RosOptions,
     watchers: tuple[Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -31,21 +31,16 @@ PLACEHOLDERS = {
 """Template of a column map for a log with unknown columns; the user replaces each `...` by a column name."""
 
 
-class Coverage(NamedTuple):
-    """Number, rate and longest gap of the values of a column."""
+def coverage(t: Array, values: Array) -> tuple[int, float, float]:
+    """Return the number of values of a column, their rate from the median time step [Hz], and their longest gap [s].
 
-    values: int
-    rate: float  # Rate of the values [Hz], from the median time step, so that gaps have no effect
-    gap: float  # Longest time without a value [s]
-
-
-def coverage(t: Array, values: Array) -> Coverage:
-    """Return the coverage of a column with `values` at times `t`, shape (n,) each. Missing values and times are NaN."""
+    Missing `values` and times `t`, shape (n,) each, are NaN.
+    """
     known = t[np.isfinite(values) & np.isfinite(t)]
     if len(known) < 2:
-        return Coverage(len(known), 0.0, 0.0)
+        return len(known), 0.0, 0.0
     steps = np.diff(known)
-    return Coverage(len(known), 1.0 / max(float(np.median(steps)), 1e-9), float(steps.max()))
+    return len(known), 1.0 / max(float(np.median(steps)), 1e-9), float(steps.max())
 
 
 def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
@@ -119,9 +114,9 @@ def _row(source: Source, name: str, t: Array) -> tuple[str, ...]:
         values = read_columns(source, [name])[name]
     except FieldLogError:
         return name, "", "no numbers", "", "", "", ""
-    found, known = coverage(t, values), values[np.isfinite(values)]
+    (count, rate, gap), known = coverage(t, values), values[np.isfinite(values)]
     ends = (f"{known.min():.7g}", f"{known.max():.7g}") if len(known) else ("", "")
-    return name, _unit(source, name), str(found.values), f"{found.rate:.3g}", f"{found.gap:.3g}", *ends
+    return name, _unit(source, name), str(count), f"{rate:.3g}", f"{gap:.3g}", *ends
 
 
 def _unit(source: Source, name: str) -> str:

@@ -15,6 +15,7 @@ from agrobot_mj.core.agopengps.position import decode_position as read_position
 from agrobot_mj.core.nmea import DGPS_FIX, GPS_FIX, KNOTS, NO_FIX, RTK_FIX, RTK_FLOAT, degrees_of, fields_of, sentence
 
 Quantities = dict[str, float]
+Condition = Callable[[list[str]], bool]
 SENTENCE = pattern(rb"\$([A-Z]{4,5}[A-Z0-9]*,[\x20-\x23\x25-\x29\x2b-\x7e]{0,500})(\*[0-9A-Fa-f]{2})?")
 """Regular expression for an NMEA sentence among other bytes. Without a checksum, the checksum group is None."""
 BEST_FIRST = {"R": RTK_FIX, "F": RTK_FLOAT, "D": DGPS_FIX, "P": 3, "A": GPS_FIX, "E": 6, "M": 7, "S": 8}
@@ -71,34 +72,6 @@ def _vtg(fields: list[str]) -> Quantities:
     return _motion(fields[3], fields[1])  # before NMEA 2.3 the sentence contained no units
 
 
-def _hdt(fields: list[str]) -> Quantities:
-    return _heading(fields[1])
-
-
-def _ths(fields: list[str]) -> Quantities:
-    return _heading(fields[1]) if fields[2] != "V" else {}
-
-
-def _hpr(fields: list[str]) -> Quantities:
-    return _heading(fields[2]) if fields[5] == str(RTK_FIX) else {}
-
-
-def _psat_hpr(fields: list[str]) -> Quantities:
-    return _heading(fields[3]) if fields[6] in ("N", "G") else {}
-
-
-def _pashr(fields: list[str]) -> Quantities:
-    return _heading(fields[2]) if fields[3] == "T" else {}
-
-
-def _avr(fields: list[str]) -> Quantities:
-    return _heading(fields[3]) if fields[4] == "Yaw" and fields[-3] == "3" else {}
-
-
-def _psti(fields: list[str]) -> Quantities:
-    return _heading(fields[4]) if fields[7] == "R" else {}
-
-
 def _ksxt(fields: list[str]) -> Quantities:
     quality = KSXT_QUALITY[int(fields[10] or 0)]
     found: Quantities = {"quality": quality}
@@ -131,6 +104,11 @@ def _heading(text: str) -> Quantities:
     return {"heading": from_compass(_number(text))}
 
 
+def _heading_in(field: int, valid: Condition = lambda fields: True) -> Callable[[list[str]], Quantities]:
+    """Return a function that reads a heading from the given field of a sentence, if the sentence is valid."""
+    return lambda fields: _heading(fields[field]) if valid(fields) else {}
+
+
 def _number(text: str) -> float:
     return float(text) if text else nan
 
@@ -152,12 +130,12 @@ KINDS = {
     "PANDA": Kind(_board),
     "PAOGI": Kind(_board),
     "VTG": Kind(_vtg, 0),
-    "HDT": Kind(_hdt, 0),
-    "THS": Kind(_ths, 0),
-    "HPR": Kind(_hpr),
-    "PASHR": Kind(_pashr),
-    "PTNL,AVR": Kind(_avr, 2),
-    "PSAT,HPR": Kind(_psat_hpr, 2),
-    "PSTI,036": Kind(_psti, 2),
+    "HDT": Kind(_heading_in(1), 0),
+    "THS": Kind(_heading_in(1, lambda fields: fields[2] != "V"), 0),
+    "HPR": Kind(_heading_in(2, lambda fields: fields[5] == str(RTK_FIX))),
+    "PASHR": Kind(_heading_in(2, lambda fields: fields[3] == "T")),
+    "PTNL,AVR": Kind(_heading_in(3, lambda fields: fields[4] == "Yaw" and fields[-3] == "3"), 2),
+    "PSAT,HPR": Kind(_heading_in(3, lambda fields: fields[6] in ("N", "G")), 2),
+    "PSTI,036": Kind(_heading_in(4, lambda fields: fields[7] == "R"), 2),
 }
 """Supported sentence types, by name without the talker identifier."""

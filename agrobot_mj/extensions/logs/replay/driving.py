@@ -201,4 +201,4 @@ def _inputs(recording: FieldRecording, tick: float) -> _Inputs:
     volts = np.full(n, NEUTRAL_V)
     if v := recording.voltage:
         volts = v.value[np.clip(np.searchsorted(v.t, t + 1e-9, side="right") - 1, 0, len(v.t) - 1)]
-    return _Inputs(t, steer, volts, np.interp(t, recording.speed.t, recording.speed.value))
+    return _Inputs(t, steer, volts, np.interp(t, *recording.speed))

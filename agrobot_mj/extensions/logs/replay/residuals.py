@@ -70,7 +70,7 @@ def _first_metres(recording: FieldRecording) -> TimeSeries | None:
         return None
     fixes = recording.position.between(recording.start, recording.end)
     t = np.arange(recording.start, recording.end, 0.05)
-    way = np.cumsum(np.abs(np.interp(t, recording.speed.t, recording.speed.value))) * 0.05
+    way = np.cumsum(np.abs(np.interp(t, *recording.speed))) * 0.05
     first = np.interp(fixes.t, t, way) <= START_M
     first[:4] = True
     return TimeSeries(fixes.t[first], fixes.value[first]) if len(fixes.t) >= 4 else None
@@ -94,12 +94,12 @@ def kinematic(recording: FieldRecording, wheelbase: float) -> tuple[Array, Array
     """Return times [s], yaw [rad] and positions of the recorded point (n, 2) [m] for a model without slip. The model
     follows the recorded wheel angle or, without a wheel angle, the recorded yaw rate."""
     t = np.arange(recording.start, recording.end, 0.02)
-    u = np.interp(t, recording.speed.t, recording.speed.value)
+    u = np.interp(t, *recording.speed)
     if recording.steer is not None:
         rate = u * np.tan(recording.steer.at(t)) / wheelbase
     else:
         r = recording.yaw_rate
-        rate = np.interp(t, r.t, r.value) if r is not None else np.zeros(len(t))
+        rate = np.interp(t, *r) if r is not None else np.zeros(len(t))
     yaw = cumulative_trapezoid(rate, t, initial=0)
     (ahead, left, _), c, s = recording.arm, np.cos(yaw), np.sin(yaw)
     x, y = (cumulative_trapezoid(u * each, t, initial=0) for each in (c, s))
@@ -111,7 +111,7 @@ Replayed = tuple[FieldRecording, Driven]  # Segment of a recording and its repla
 
 def metrics(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any]:
     """Return the metrics of a replay over all segments [SI, rad]. Metrics without sufficient data are None."""
-    speeds = [driven.speed - _speeds(recording, driven.t) for recording, driven in pieces]
+    speeds = [driven.speed - np.interp(driven.t, *recording.speed) for recording, driven in pieces]
     steers = [driven.steer - recording.steer.at(driven.t) for recording, driven in pieces if recording.steer]
     return {
         "outcome": next((driven.outcome for _, driven in pieces if driven.outcome != "completed"), "completed"),
@@ -125,15 +125,10 @@ def metrics(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any]:
     }
 
 
-def _speeds(recording: FieldRecording, t: Array) -> Array:
-    speed: Array = np.interp(t, recording.speed.t, recording.speed.value)
-    return speed
-
-
 def _way(recording: FieldRecording, driven: Driven) -> float:
-    return (
-        float(np.abs(_speeds(recording, driven.t)).sum() * np.median(np.diff(driven.t))) if len(driven.t) > 1 else 0.0
-    )
+    if len(driven.t) < 2:
+        return 0.0
+    return float(np.abs(np.interp(driven.t, *recording.speed)).sum() * np.median(np.diff(driven.t)))
 
 
 def _yaw_rate(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any] | None:
@@ -148,12 +143,12 @@ def _yaw_rate(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any] | 
     value = np.concatenate([seen.value for seen, *_ in pairs])
     model = np.concatenate([np.interp(seen.t, driven.t, driven.yaw_rate) for seen, _, driven in pairs])
     slipless = [
-        _speeds(recording, seen.t) * np.tan(recording.steer.at(seen.t)) / wheelbase - seen.value
+        np.interp(seen.t, *recording.speed) * np.tan(recording.steer.at(seen.t)) / wheelbase - seen.value
         for seen, recording, _ in pairs
         if recording.steer is not None
     ]
     off, spread = model - value, float(np.var(value))
-    u = np.concatenate([_speeds(recording, seen.t) for seen, recording, _ in pairs])
+    u = np.concatenate([np.interp(seen.t, *recording.speed) for seen, recording, _ in pairs])
     return {
         "source": pairs[0][1].yaw_rate_source,
         "samples": len(value),
@@ -171,7 +166,7 @@ def _yaw_rate(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any] | 
 
 def moving(recording: FieldRecording, series: TimeSeries) -> TimeSeries:
     """Return the samples of a series at times when the tractor moves faster than `LEAST_SPEED`."""
-    fast = np.abs(np.interp(series.t, recording.speed.t, recording.speed.value)) > LEAST_SPEED
+    fast = np.abs(np.interp(series.t, *recording.speed)) > LEAST_SPEED
     return TimeSeries(series.t[fast], series.value[fast])
 
 

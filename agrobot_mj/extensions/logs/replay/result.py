@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from agrobot_mj.core.palette import BLUE, DARK_GREY, VERMILION
@@ -30,7 +29,7 @@ from agrobot_mj.extensions.logs.replay.residuals import (
 )
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.results import atomic, write_text
-from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
+from agrobot_mj.studies.style import PANEL_WIDTH_IN, write_figure
 
 COLUMNS = (
     Column("piece", "-", "number of the segment, from 0"),
@@ -131,7 +130,7 @@ def write_replay(found: ReplayResult, scenario: Scenario, folder: Path) -> None:
     text = f"# identity {found.metrics.get('identity', '')}\n{text}"
     with atomic(folder / "replay.parquet") as part:
         pq.write_table(signals(found.pieces), part, compression="zstd")
-    write_figure(found.pieces, folder / "replay.png")
+    write_figure(folder / "replay.png", figure, found.pieces)
     write_text(folder / "replay.toml", text)
     for name, path in data_files.items():
         with atomic(folder / name) as part:
@@ -162,7 +161,7 @@ def _signals(number: int, recording: FieldRecording, driven: Driven) -> pa.Table
         t,
         recording.steer.at(t) if recording.steer else none,
         driven.steer,
-        np.interp(t, recording.speed.t, recording.speed.value),
+        np.interp(t, *recording.speed),
         driven.speed,
         at_rows(rate.t, rate.value) if rate else none,
         driven.yaw_rate,
@@ -176,19 +175,18 @@ def _signals(number: int, recording: FieldRecording, driven: Driven) -> pa.Table
     return pa.table(arrays, schema=pa.schema(fields))
 
 
-def write_figure(pieces: Sequence[Replayed], file: Path) -> Path:
-    """Write a figure with four panels: track, yaw rates, yaw-rate residuals and position residuals."""
-    with rc_context(STYLE):
-        figure = Figure(figsize=(2 * PANEL_WIDTH_IN, 5.0), layout="constrained")
-        (way, rate), (place, rest) = figure.subplots(2, 2)
-        for recording, driven in pieces:
-            _way(way, recording, driven)
-            _rates(rate, rest, recording, driven)
-            _place(place, recording, driven)
-        _titles(way, rate, rest, place)
-        for axes in (way, rate, place):
-            _legend(axes)
-        return save(figure, file)
+def figure(pieces: Sequence[Replayed]) -> Figure:
+    """Return a figure with four panels: track, yaw rates, yaw-rate residuals and position residuals."""
+    drawn = Figure(figsize=(2 * PANEL_WIDTH_IN, 5.0), layout="constrained")
+    (way, rate), (place, rest) = drawn.subplots(2, 2)
+    for recording, driven in pieces:
+        _way(way, recording, driven)
+        _rates(rate, rest, recording, driven)
+        _place(place, recording, driven)
+    _titles(way, rate, rest, place)
+    for axes in (way, rate, place):
+        _legend(axes)
+    return drawn
 
 
 def _way(axes: Any, recording: FieldRecording, driven: Driven) -> None:

@@ -51,7 +51,7 @@ def _forward(piece: FieldRecording) -> list[Array]:
     [m/s], heading [rad], shape (n, 4) each."""
     assert piece.position is not None
     t, places = piece.position
-    u = np.interp(t, piece.speed.t, piece.speed.value)
+    u = np.interp(t, *piece.speed)
     least = 2 * SMOOTHED_S / np.median(np.diff(t))
     return [_leg(piece, t[a:b], places[a:b]) for a, b in spells(u > SLOWEST_M_S) if b - a > least]
 
@@ -66,7 +66,7 @@ def _leg(piece: FieldRecording, t: Array, places: Array) -> Array:
     x, y = x - ahead * np.cos(yaw) + left * np.sin(yaw), y - ahead * np.sin(yaw) - left * np.cos(yaw)
     driven = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
     at = np.arange(0.0, driven[-1], SPACING_M)
-    u = np.interp(even, piece.speed.t, piece.speed.value)
+    u = np.interp(even, *piece.speed)
     return np.column_stack([np.interp(at, driven, each) for each in (x, y, u, yaw)])
 
 

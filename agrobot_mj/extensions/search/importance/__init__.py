@@ -3,7 +3,3 @@
 A screening is a regression on about ten samples. Sobol indices need hundreds of samples. Both methods report parameters
 that the samples cannot distinguish.
 """
-
-from agrobot_mj.extensions.search.importance.results import importance, importance_table, importance_text
-
-__all__ = ["importance", "importance_table", "importance_text"]

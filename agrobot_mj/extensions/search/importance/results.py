@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from agrobot_mj.core.errors import ScenarioError, suggestion
-from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.palette import BLUE, LIGHT_GREY, ORANGE
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.version import __version__
@@ -34,13 +33,6 @@ from agrobot_mj.studies.sweep.store import read_rows
 NEGLIGIBLE = 0.05  # Fraction of the variance below which a parameter counts as negligible [-]
 
 
-def importance_table(found: Sequence[Influence]) -> str:
-    """Return a Markdown table with rank, variance fraction and effect of each random parameter in each group of
-    runs."""
-    head, rows = importance_rows(found)
-    return markdown_table(head, [(f"`{key}`", *cells) for key, *cells in rows], 1)
-
-
 def importance_rows(found: Sequence[Influence]) -> tuple[list[str], list[list[str]]]:
     """Return the header and the rows of a table with rank, variance fraction and effect of each random parameter."""
     screening = found[0].unexplained is not None
@@ -60,13 +52,12 @@ def _cells(share: Share, trusted: bool) -> list[str]:
     return cells if share.correlation is None else [*cells, f"{share.correlation:.2f}"]
 
 
-def importance_text(found: Sequence[Influence], metric: str) -> str:
-    """Return sentences about the ranking of the parameters in each group of runs and its uncertainty."""
-    return "\n".join(influence_text(each, metric, f"{each.group}: " if len(found) > 1 else "") for each in found)
+def importance_texts(found: Sequence[Influence], metric: str) -> list[str]:
+    """Return sentences about the ranking of the parameters and its uncertainty, as one text for each group of runs."""
+    return [_ranking_text(each, metric, f"{each.group}: " if len(found) > 1 else "") for each in found]
 
 
-def influence_text(each: Influence, metric: str, group: str) -> str:
-    """Return sentences about the importance of the parameters in one group of runs. The text begins with `group`."""
+def _ranking_text(each: Influence, metric: str, group: str) -> str:
     noise = (
         "one seed does not identify the variation between seeds"
         if each.noise is None

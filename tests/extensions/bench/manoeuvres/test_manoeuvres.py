@@ -2,9 +2,8 @@
 
 import pytest
 
-from agrobot_mj.extensions.bench.manoeuvres import validate
 from agrobot_mj.extensions.bench.manoeuvres.base import Trial, force_tyres
-from agrobot_mj.extensions.bench.manoeuvres.suite import MANOEUVRES
+from agrobot_mj.extensions.bench.manoeuvres.suite import MANOEUVRES, validate
 
 SOME_TYRES = {
     "filters": {"magic_formula"},

@@ -173,7 +173,7 @@ def test_identify_command_writes_a_file_and_sets_the_exit_status(hidden, tmp_pat
     (tmp_path / "run" / "vehicle.json").unlink()
     _, again, err = call("identify", "run", "--vehicle", "--fit", "front,rear,delay")
     assert again == out
-    assert err.startswith("identify: use `agrobot-mj twin LOG --only identify")
+    assert err.startswith("identify --vehicle: use `agrobot-mj twin --only identify`")
     assert written == json.loads((tmp_path / "run" / "vehicle.json").read_text())
     at = hidden.signals.column_names.index("steer_measured")
     turned = hidden.signals.set_column(at, "steer_measured", pa.array(-np.asarray(hidden.signals["steer_measured"])))

@@ -8,9 +8,9 @@ import pytest
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.extensions.search.falsify import FalsifyQuestion, Varied, command
+from agrobot_mj.extensions.search.falsify import command
 from agrobot_mj.extensions.search.falsify import search as search_module
-from agrobot_mj.extensions.search.falsify.search import CONFIRMED, FalsifySearch
+from agrobot_mj.extensions.search.falsify.search import CONFIRMED, FalsifyQuestion, FalsifySearch, Varied
 from agrobot_mj.extensions.search.limit.condition import Condition
 from agrobot_mj.extensions.search.limit.question import Question
 from agrobot_mj.extensions.search.limit.search import find_limit

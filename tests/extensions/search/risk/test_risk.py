@@ -16,15 +16,14 @@ from agrobot_mj.core.randomness import branch, stream
 from agrobot_mj.extensions.search.closeness import Closeness, Rises
 from agrobot_mj.extensions.search.limit.condition import Condition
 from agrobot_mj.extensions.search.limit.question import condition_of
-from agrobot_mj.extensions.search.risk import RiskQuestion, command
+from agrobot_mj.extensions.search.risk import command
 from agrobot_mj.extensions.search.risk.command import answer
 from agrobot_mj.extensions.search.risk.population import AHEAD_S, Run, populations
-from agrobot_mj.extensions.search.risk.splitting import Split, estimate
+from agrobot_mj.extensions.search.risk.splitting import RiskQuestion, Split, estimate
 from agrobot_mj.simulation import progress
 from agrobot_mj.simulation.branching import Branch
 from agrobot_mj.simulation.run import run
-from agrobot_mj.studies.engine import perform
-from agrobot_mj.studies.engine.tasks import failure
+from agrobot_mj.studies.engine.tasks import failure, perform
 
 SCENARIO = load_scenario("straight_line", {"plant.kind": "bicycle", "duration_s": 1.0})
 BICYCLE = ("straight_line", "--set", "plant.kind=bicycle", "--set", "guidance.kind=lqr", "--set", "duration_s=3")
