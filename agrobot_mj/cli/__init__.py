@@ -46,6 +46,7 @@ USAGE_ERROR: Any = typer.BadParameter.__bases__[0]
 def main() -> None:
     """Run the command line. For invalid input, exit with status 2 and one message, or a JSON document with `--json`."""
     gc.set_threshold(OBJECTS_PER_COLLECTION)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads for small matrices only wait for each other
     atexit.register(gc.freeze)  # avoids a garbage collection over all modules at exit, which takes 0.4 s
     sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115 - closed by the caller
     sys.stderr = sys.stderr or Path(os.devnull).open("w")  # noqa: SIM115

@@ -5,7 +5,7 @@ are shared, and all other objects are copied by `deepcopy`.
 """
 
 from collections.abc import Mapping
-from copy import deepcopy
+from copy import copy, deepcopy
 from operator import is_
 from types import MappingProxyType, NoneType
 from typing import Any, TypeVar, cast
@@ -67,6 +67,6 @@ def _tuple(value: tuple[Any, ...], memo: dict[int, Any]) -> tuple[Any, ...]:
 
 def _generator(generator: Generator) -> Generator:
     bits = generator.bit_generator
-    made = type(bits)(SeedSequence(**cast(SeedSequence, bits.seed_seq).state))
+    made = type(bits)(copy(cast(SeedSequence, bits.seed_seq)))  # a new seed sequence would be hashed again
     made.state = bits.state
     return Generator(made)

@@ -71,9 +71,13 @@ def bound(function: Any, *arguments: object) -> Callable[..., Any]:
     dispatch."""
     if config.DISABLE_JIT:
         return cast(Callable[..., Any], function)
-    kinds = kinds_of(arguments)
-    entry, hints = _entry(function, *kinds), get_type_hints(function.py_func, include_extras=True)
-    _check_references(function.__name__, hints["return"], function.overloads[kinds].signature.return_type)
+    return _bound(function, kinds_of(arguments))
+
+
+@cache
+def _bound(function: Any, kinds: tuple[types.Type, ...]) -> Callable[..., Any]:
+    entry, hint = _entry(function, *kinds), get_type_hints(function.py_func, include_extras=True)["return"]
+    _check_references(function.__name__, hint, function.overloads[kinds].signature.return_type)
     return entry
 
 

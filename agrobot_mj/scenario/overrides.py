@@ -237,7 +237,8 @@ def machine_data(path: Path) -> dict[str, Any]:
 def naming_files(data: Any) -> Iterator[tuple[dict[str, Any], str]]:
     """Yield each table of scenario data that contains a file path, and the key of the path. Inner tables come first."""
     for table in data.values() if isinstance(data, dict) else data if isinstance(data, list) else ():
-        yield from naming_files(table)
+        if isinstance(table, dict | list):
+            yield from naming_files(table)
     if isinstance(data, dict):
         yield from (
             (data, key) for key in FILE_KEYS if isinstance(value := data.get(key), str) and names_file(key, value)

@@ -4,10 +4,11 @@ A run is identified and reproduced by its scenario and its branches. Each proces
 per simulated second. A new run starts from the last stored state that it shares with an earlier run.
 """
 
-import pickle
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.snapshot import Snapshot
@@ -15,6 +16,9 @@ from agrobot_mj.simulation.stepping import Simulation
 
 EVERY = 20  # Number of ticks between stored states [-]: one simulated second
 MOST_BYTES = 200_000_000  # Maximum total size of the stored states [bytes]: hundreds of runs, fewer on deformable soil
+LEAST_BYTES = 20_000  # Size of a state without its arrays [bytes]. Assumed value (range 10,000-30,000).
+
+NESTED = (np.ndarray, tuple, list, dict)  # Types of the parts of a state that can contain arrays
 
 
 class Branch(NamedTuple):
@@ -34,7 +38,7 @@ class _States:
     def keep(self, name: str, branches: tuple[Branch, ...], sim: Simulation) -> None:
         """Store the current state of a run. Above a total of MOST_BYTES, delete the least recently used states."""
         rows, state, key = sim.rows, sim.save(), (name, _before(branches, sim.rows.filled), sim.rows.filled)
-        size = len(pickle.dumps(state.loop)) + EVERY * (rows.values[0].nbytes + rows.poses[0].nbytes)
+        size = LEAST_BYTES + _array_bytes(state.loop) + EVERY * (rows.values[0].nbytes + rows.poses[0].nbytes)
         self._bytes += size - self._known.pop(key, (state, 0))[1]
         self._known[key] = state, size
         while self._bytes > MOST_BYTES:
@@ -48,6 +52,14 @@ class _States:
                 self._known.move_to_end(key)
                 return self._known[key][0]
         return None
+
+
+def _array_bytes(state: Any) -> int:
+    """Return the total size of the arrays in nested tuples, lists and dictionaries [bytes]."""
+    if isinstance(state, np.ndarray):
+        return state.nbytes
+    parts = state.values() if isinstance(state, dict) else state
+    return sum([_array_bytes(part) for part in parts if isinstance(part, NESTED)])
 
 
 def _before(branches: tuple[Branch, ...], tick: int) -> tuple[Branch, ...]:

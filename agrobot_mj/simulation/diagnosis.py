@@ -84,10 +84,10 @@ def _cause_text(s: Scenario, cause: str, askew: bool) -> tuple[str, str]:
     """Return a cause and its remedy as text. The remedy is empty if its keys are already set or do not apply."""
     if cause == HEADING and askew and s.sensors.gnss.dual_antenna.enabled:
         return MOUNTING, CALIBRATE
-    if cause == PLACE:
-        return cause, MEASURE
+    if cause not in REMEDIES:
+        return cause, MEASURE if cause == PLACE else ""
     given = s.model_dump(include={"sensors", "estimator"})
-    keys = {key: value for key, value in REMEDIES.get(cause, {}).items() if _value(given, key) != value}
+    keys = {key: value for key, value in REMEDIES[cause].items() if _value(given, key) != value}
     try:
         s.changed(keys, files=False)
     except ScenarioError:

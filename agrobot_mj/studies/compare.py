@@ -69,7 +69,7 @@ def _draw(logs: Sequence[tuple[Case, Log]], folder: Path) -> None:
 
 
 def _log(store: Store, number: int, metrics: dict[str, Any]) -> Log:
-    task = store.asked(store.plan.task(number))
+    task = store.task(number)
     sim = Simulation(store.file(task, "scenario.toml"))
     table = pq.read_table(store.file(task, "signals.parquet").absolute())
     values = np.column_stack([table[name].to_numpy() for name in sim.rows.columns])

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from agrobot_mj.core.copying import independent
 from agrobot_mj.core.kernels import jit
 from agrobot_mj.core.randomness import address, gauss_markov, normal, stream
 
@@ -37,6 +38,15 @@ def test_random_streams_of_different_names_and_seeds_are_uncorrelated():
 def drawn(generator, found):
     for k in range(found.size):
         found[k] = normal(generator)
+
+
+def test_copied_generator_gives_the_same_numbers_and_child_streams():
+    original = stream(1, "gnss")
+    original.standard_normal(3)
+    original.spawn(2)
+    copied = independent(original)
+    drawn = [[part.standard_normal(5).tolist() for part in (g, *g.spawn(2))] for g in (original, copied)]
+    assert drawn[0] == drawn[1]
 
 
 def test_compiled_functions_draw_the_same_numbers_as_the_generator():

@@ -72,6 +72,11 @@ def test_recently_used_states_are_cached_up_to_a_maximum_size(monkeypatch):
     assert size <= branching._STATES._bytes <= 1.5 * size
 
 
+def test_size_of_a_state_includes_nested_arrays():
+    state = 1.0, {"plant": (np.zeros(3), [np.zeros((2, 2))])}, "text"
+    assert branching._array_bytes(state) == 8 * (3 + 4)
+
+
 def test_branch_reseeds_every_random_generator():
     """The first random numbers of all sensors and faults differ from the previous ones and from each other."""
     sim = Simulation(scenario("mujoco").changed({**SENSORS, "fault": FAULTS}))

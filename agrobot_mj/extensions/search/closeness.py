@@ -53,7 +53,7 @@ class Closeness:
 
     def __call__(self, log: Log) -> Array:
         """Return the finite margin at each tick, shape (ticks,). Raises `ScenarioError` for an unknown signal."""
-        view = RunView(log)
+        view = log.view or RunView(log)
         if self.signal is None:
             return _Ticks(view, log).close(ast.parse(self.until.strip(), mode="eval").body)
         if self.signal not in log.rows.columns:

@@ -84,24 +84,25 @@ def show(g: DrawnTractor, x: float, y: float, yaw: float, steer: float, travelle
 
 
 @lru_cache(maxsize=8)
-def _compile_tractor(tractor: TractorParameters) -> tuple[mujoco.MjModel, Scene, Array]:
+def _compile_tractor(tractor: TractorParameters) -> tuple[mujoco.MjModel, Scene, Index, Array]:
     model = tractor_spec(Machine(tractor)).compile()
-    return model, scene_of(model), ackermann_coefficients(tractor)
+    joints = ("steer", "steer_fl", "steer_fr", "spin_fl", "spin_fr", "spin_rl", "spin_rr")
+    at = np.array([int(model.joint(name).qposadr[0]) for name in joints])
+    return model, scene_of(model), at, ackermann_coefficients(tractor)
 
 
 class Ghost:
     """MuJoCo tractor on level ground that shows the planar state of the bicycle plant in images."""
 
     def __init__(self, tractor: TractorParameters) -> None:
-        self.model, self.scene, left = _compile_tractor(tractor)
+        self.model, self.scene, at, left = _compile_tractor(tractor)
         self.data = mujoco.MjData(self.model)
-        joints = ("steer", "steer_fl", "steer_fr", "spin_fl", "spin_fr", "spin_rl", "spin_rr")
         self.data.qpos[:7] = 0.0
         self.shown = DrawnTractor(
             model=self.model._address,
             data=self.data._address,
             qpos=self.data.qpos,
-            at=np.array([int(self.model.joint(name).qposadr[0]) for name in joints]),
+            at=at,
             left=left,
             behind=tractor.cg_to_rear_axle,
             radii=(tractor.front_wheel_radius_m, tractor.rear_wheel_radius_m),

@@ -109,11 +109,13 @@ class RowFiles:
         self.again = Counter[str]()
         """Number of outdated rows whose runs are repeated, by reason."""
         self.inputs = InputCopies(folder, self.write_bytes)
-        self._held = cache(self._held_base)
+        self._held, self._code = cache(self._held_base), cache(_module_digest)
 
     def asked(self, task: Task) -> Task:
         """Return a task with its identity and with the paths of copied input files."""
-        (base, text), code_of_measure = self._held(task.base), _source(task.measure)
+        (base, text), measure, code_of_measure = self._held(task.base), task.measure, list[str]()
+        if measure:
+            code_of_measure = [getattr(measure, "__name__", repr(measure)), self._code(measure.__module__)]
         held = {key: self.inputs.held({key.rpartition(".")[2]: value}) for key, value in task.overrides.items()}
         overrides = {key: list(each.said.values()) for key, each in held.items()}
         said = [base.said, [*overrides.items()], code_of_measure, task.branches]  # the order of overrides has an effect
@@ -138,17 +140,18 @@ class RowFiles:
     ) -> Generator[tuple[Task, Row, bool]]:
         """Execute the tasks without a stored row or with missing files, and the tasks whose run raised an exception.
 
-        Yield each task, its row, and whether the row already existed. Existing rows are yielded first.
+        Yield each task, its row, and whether the row already existed. Existing rows are yielded first. Tasks from
+        `task_of` have an identity.
         """
         todo = []  # a list of the tasks could exceed the memory
         for number in numbers:
-            task = self.asked(task_of(number))
+            task = task_of(number)
             if (row := self.row(task)) and row["error"] is None and self.has(task, row):
                 yield task, row, True
             else:
                 todo.append(number)
         self.print_outdated()
-        for task, (row, contents) in perform(self.asked(task_of(number)) for number in todo):
+        for task, (row, contents) in perform(map(task_of, todo)):
             with held_back():
                 self.row_file(task).unlink(missing_ok=True)  # the files that belong to this row will be replaced
                 self.put(task, contents)
@@ -211,19 +214,17 @@ class Study:
         Equal tasks are run once. `done` is called for each task with two flags: whether the run ended as expected, and
         whether the row existed. Equal error messages are printed once.
         """
-        names = [self.rows.asked(task).identity for task in tasks]
+        tasks = [self.rows.asked(task)._replace(number=number) for number, task in enumerate(tasks)]
         first, found = dict[Identity | None, int](), dict[Identity | None, Row]()
-        for number, name in enumerate(names):
-            first.setdefault(name, number)
-        for task, row, there in self.rows.drive(
-            first.values(), lambda number: tasks[number]._replace(number=number), self.perform
-        ):
+        for task in tasks:
+            first.setdefault(task.identity, task.number)
+        for task, row, there in self.rows.drive(first.values(), tasks.__getitem__, self.perform):
             found[task.identity] = row
             done(expected=row["expected"], there=there)
             if (error := row["error"]) and error not in self._errors:
                 self._errors.add(error)
                 print(f"a run raised an error: {error}", file=sys.stderr)
-        return [found[name] for name in names]
+        return [found[task.identity] for task in tasks]
 
 
 @contextmanager
@@ -242,8 +243,7 @@ def about(scenario: Scenario) -> dict[str, Any]:
     return {"scenario": scenario.name, "version": __version__, "identity": str(scenario.identity)}
 
 
-def _source(measure: Callable[..., Any] | None) -> list[str]:
-    if measure is None:
-        return []
-    file = getattr(sys.modules.get(measure.__module__), "__file__", None)
-    return [getattr(measure, "__name__", repr(measure)), file_digest(Path(file)) if file else ""]
+def _module_digest(name: str) -> str:
+    """Return the digest of the source file of a loaded module, or "" without a file."""
+    file = getattr(sys.modules.get(name), "__file__", None)
+    return file_digest(Path(file)) if file else ""

@@ -75,18 +75,17 @@ def perform(task: Task) -> Done:
     """
     if task.identity and (apart := differing(code_text(), task.identity.code)):
         raise ScenarioError(f"{task.name}: a worker uses {other_code(apart)}")
-    began, identity = time.perf_counter(), None
+    began, scenario = time.perf_counter(), None
     try:
         base = _base(task.base, task.name)
         scenario = base.changed(task.overrides) if task.overrides else base
-        identity = str(scenario.identity)
         return _run_task(task, scenario)
     except Exception as error:
         full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
         if full or raised_by_handler(error):
             raise
         text = f"{type(error).__name__}: {error}{place_in_plugin(error)}"
-        return failure(text, time.perf_counter() - began, identity)
+        return failure(text, time.perf_counter() - began, str(scenario.identity) if scenario else None)
 
 
 def failure(text: str, wall_s: float | None = None, identity: str | None = None) -> Done:

@@ -4,6 +4,7 @@ Dask workers need the same code (`core.identity`), plugin files at the same path
 which contains copies of the input files.
 """
 
+import gc
 import logging
 import multiprocessing
 import os
@@ -184,6 +185,7 @@ def _begin_worker(plugins: tuple[Path, ...], scratch: str) -> None:
     tempfile.tempdir = scratch
     _leave_signals_to_the_parent()
     load_plugins(plugins)
+    gc.freeze()  # garbage collections do not search the modules
 
 
 def _leave_signals_to_the_parent() -> None:

@@ -77,7 +77,7 @@ def drive(store: Store, options: SweepOptions, begin: Begin = lambda some: None)
             with (
                 tally(f"{plan.sweep.name}: {len(part):,} runs", len(part), quiet=options.quiet) as advance,
                 performing(options.jobs, options.scheduler, len(part)) as perform,
-                closing(store.drive(part, plan.task, perform)) as driven,
+                closing(store.drive(part, store.task, perform)) as driven,
             ):
                 for _, row, there in driven:
                     before += there

@@ -105,7 +105,7 @@ class Store(RowFiles):
             rows = [file for file in found if _ROW.fullmatch(file.name)]
             places = list(map(Path, _entries(self.folder / RUNS)))
         else:
-            rows = [self.row_file(self.asked(self.plan.task(number))) for number in part]
+            rows = [self.row_file(self.task(number)) for number in part]
             places = [self.folder / self.plan.folder(number) for number in part]
         for row in rows:
             row.unlink(missing_ok=True)
@@ -116,6 +116,10 @@ class Store(RowFiles):
             _remove_if_empty(place)
         # The plan is deleted last, so that remaining files still belong to it.
         remove(self.folder, (TABLE,) if part is not None else (TABLE, PLAN))
+
+    def task(self, number: int) -> Task:
+        """Return the task of a run with its identity, as `asked` does."""
+        return self.asked(self.plan.task(number))
 
     def has(self, task: Task, row: Row) -> bool:
         """Return whether all files to be kept for a run exist."""
@@ -148,7 +152,7 @@ class Store(RowFiles):
     def rows(self) -> Iterator[tuple[int, Row]]:
         """Yield the number and row of each completed run, in plan order."""
         for number in range(self.plan.total):
-            if row := self.row(self.asked(self.plan.task(number))):
+            if row := self.row(self.task(number)):
                 yield number, row
 
     @property
@@ -183,7 +187,7 @@ class Store(RowFiles):
             number, name, value = odd
             what = f"{name}: {shorten(repr(value))} has a different type than in the other rows"
             fix = "delete the file, also in the folder that it was merged from, and run the same command again"
-            file = self.row_file(self.asked(self.plan.task(number)))
+            file = self.row_file(self.task(number))
             raise ScenarioError(f"{file}: {what}; {fix}") from error
         with atomic(self.folder / TABLE) as temporary:
             pq.write_table(table, temporary, compression="zstd")
@@ -192,7 +196,7 @@ class Store(RowFiles):
     def take(self, other: Path) -> None:
         """Copy rows and stored files of runs from another results folder of the same sweep. Links are not followed."""
         for number in range(self.plan.total):
-            task = self.asked(self.plan.task(number))
+            task = self.task(number)
             there = RowFiles(other).row_file(task)
             if not _is_file(there):
                 continue

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from processes import program
 
 from agrobot_mj import load_scenario
 from agrobot_mj.extensions.search.closeness import Closeness, Rises
@@ -31,6 +32,12 @@ def test_failure_margin_of_a_percentile_covers_the_complete_run(log):
     assert (np.diff(close) >= 0).all()
 
 
+def test_margin_is_computed_without_importing_matplotlib(tmp_path):
+    """Workers of a search compute margins; the import takes about 0.3 s."""
+    done = program(tmp_path, "import sys, agrobot_mj.extensions.search.closeness; print('matplotlib' in sys.modules)")
+    assert done.stdout.strip() == "False"
+
+
 def _offset(log):
     from agrobot_mj.metrics import RunView
 
@@ -46,7 +53,7 @@ def test_failure_margin_at_a_tick_uses_no_later_data(log, until):
     for ticks in (1, 30, 79):
         rows = Rows(log.rows.ticks, 0, log.rows.poses.shape[1])
         rows.table, rows.columns, rows._values, rows.filled = log.rows.table, log.rows.columns, log.rows._values, ticks
-        part = replace(log, rows=rows, outcome="aborted")  # a run under way
+        part = replace(log, rows=rows, outcome="aborted", view=None)  # a run under way
         assert Closeness(until)(part) == pytest.approx(whole[:ticks], abs=0)
 
 
