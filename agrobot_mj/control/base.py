@@ -139,11 +139,11 @@ class GuidanceLaw(Learner):
         """Whether ticks in compiled code must call the Python method `update`. Default: True."""
         return True
 
-    def linked(self, state: Any, machine: TractorParameters) -> Linked | None:
+    def compiled_tick(self, state: Any, machine: TractorParameters) -> Linked | None:
         """Return the compiled tick function, its parameters and its state, or None if the next tick needs Python."""
         return None
 
-    def resumed(self, state: Any, found: Held[Any], followed: Any, shown: Vector) -> Any:
+    def state_after_ticks(self, state: Any, found: Held[Any], followed: Any, shown: Vector) -> Any:
         """Return the state of the law after ticks in compiled code.
 
         `found` is the last state in compiled code, and `followed` the last command with the path errors. `shown`
@@ -247,15 +247,15 @@ class YawController(Reporting):
     def interpreted(self) -> bool:
         """Whether ticks in compiled code must call the Python methods `update` and `relieve`.
 
-        Default: true unless the class itself defines `linked`, so that a subclass may override any method.
+        Default: true unless the class itself defines `compiled_tick`, so that a subclass may override any method.
         """
-        return "linked" not in vars(type(self))
+        return "compiled_tick" not in vars(type(self))
 
-    def linked(self, state: Any) -> Linked | None:
+    def compiled_tick(self, state: Any) -> Linked | None:
         """Return the compiled tick function, its parameters and its state, or None if the next tick needs Python."""
         return None
 
-    def resumed(self, state: Any, found: Held[Any], shown: Vector) -> Any:
+    def state_after_ticks(self, state: Any, found: Held[Any], shown: Vector) -> Any:
         """Return the state after ticks in compiled code: `found` is their last state, `shown` their last log values."""
         return fetched(found)
 

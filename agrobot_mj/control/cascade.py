@@ -93,13 +93,13 @@ class Cascade(GuidanceLaw):
         """Whether ticks in compiled code must call the Python method `update`."""
         return bool(self.controller.interpreted or self.law.interpreted or self.law.speed_network)
 
-    def linked(self, state: CascadeState, machine: TractorParameters) -> Linked | None:
+    def compiled_tick(self, state: CascadeState, machine: TractorParameters) -> Linked | None:
         """Return the function and data for ticks in compiled code, or None if the next tick needs Python."""
         from agrobot_mj.control import cascade_tick  # imports this module
 
         return cascade_tick.tick_link(self, state, machine)
 
-    def resumed(self, state: CascadeState, found: Held[Any], followed: Any, shown: Any) -> CascadeState:
+    def state_after_ticks(self, state: CascadeState, found: Held[Any], followed: Any, shown: Any) -> CascadeState:
         """Return the state after ticks in compiled code; `found` is their last state."""
         from agrobot_mj.control import cascade_tick
 

@@ -99,7 +99,7 @@ def cascade_tick(
 def tick_link(law: Cascade, state: CascadeState, machine: TractorParameters) -> Linked | None:
     """Return function and data for ticks in compiled code, or None if the next tick of the controller needs Python."""
     outer: CascadeLaw = law.law
-    if (controller := law.controller.linked(state.controller)) is None:
+    if (controller := law.controller.compiled_tick(state.controller)) is None:
         return None
     above = outer.scheduled_above_m_s
     numbers = CascadeNumbers(
@@ -128,5 +128,5 @@ def tick_link(law: Cascade, state: CascadeState, machine: TractorParameters) -> 
 def state_after_ticks(law: Cascade, state: CascadeState, found: Held[CascadeMemory]) -> CascadeState:
     """Return the state of the cascade after ticks in compiled code; `found` is their last state."""
     now = fetched(found)
-    controller = law.controller.resumed(state.controller, now.controller, now.shown)
+    controller = law.controller.state_after_ticks(state.controller, now.controller, now.shown)
     return CascadeState(controller, now.yaw_rate_ref, now.e_yaw_rate, now.command, now.feedforward, state.speed)

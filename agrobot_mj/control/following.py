@@ -116,14 +116,16 @@ class Following(GuidanceLaw):
         """Whether ticks in compiled code must call the Python method `update`."""
         return not is_compiled(self, "update", "steering", "rolling", "report", "columns")
 
-    def linked(self, state: "FollowingState", machine: TractorParameters) -> Linked | None:
+    def compiled_tick(self, state: "FollowingState", machine: TractorParameters) -> Linked | None:
         """Return the compiled tick function, its parameters and its state, or None before the first tick of the law."""
         if state.reported is None:
             return None
         return Linked(self.compiled, state.law, state.memory, cast(Any, Followed)(*state[1:9]))
 
-    def resumed(self, state: "FollowingState", found: Held[Any], followed: Followed, shown: Vector) -> "FollowingState":
-        """Return the state of the law after ticks in compiled code; `GuidanceLaw.resumed` describes the arguments."""
+    def state_after_ticks(
+        self, state: "FollowingState", found: Held[Any], followed: Followed, shown: Vector
+    ) -> "FollowingState":
+        """Return the state of the law after ticks in compiled code; see `GuidanceLaw.state_after_ticks`."""
         return FollowingState(found, *followed, state.law, shown)
 
     def feedback(self, state: "FollowingState", command: Command) -> float:

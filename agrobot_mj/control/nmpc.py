@@ -95,7 +95,7 @@ class Nmpc(Following):
         delta = situation.steer - deviation.bias
         if not memory.started:
             memory = memory._replace(delayed=(delta, delta), started=True)
-        mean, covariance = self._observed(memory, deviation, situation, delta, dt)
+        mean, covariance = self._observe(memory, deviation, situation, delta, dt)
         rates = self._plan(memory, mean, deviation, situation, delta)
         wanted = memory.delayed[-1] + float(rates[0]) * dt
         possible = clip(wanted, -deviation.limit - deviation.bias, deviation.limit - deviation.bias)
@@ -140,7 +140,7 @@ class Nmpc(Following):
             found.append(beta)
         return found[::-1]
 
-    def _observed(
+    def _observe(
         self, memory: NmpcState, deviation: PathDeviation, situation: Situation, delta: float, dt: float
     ) -> tuple[Array, Array]:
         """Return the estimates of `NmpcState.mean` and their covariance after one step of the Kalman filter."""

@@ -82,6 +82,6 @@ class Pd(Conventional):
         slope, tau_c = self.conventional(state, yaw_rate_error, dt)
         return slope, YawCommand(clip(tau_c, -steer_limit, steer_limit), tau_c)
 
-    def linked(self, state: FilteredRate) -> Linked:
+    def compiled_tick(self, state: FilteredRate) -> Linked:
         """Return the compiled tick function of the controller, its parameters and its state."""
         return Linked(_tick, held(self.gains), held(state))

@@ -85,7 +85,7 @@ class PdNetwork(Conventional):
             state = state._replace(network=self.network.start(yaw_rate_error, slope.rate))
         law, now = self._numbers(state)
         found, command, shown = _tick(law, now, yaw_rate_error, 0.0, nan, dt, steer_limit)
-        return self.resumed(state, found, shown), command
+        return self.state_after_ticks(state, found, shown), command
 
     def _numbers(self, state: NeuroState) -> tuple[Held[NetworkLaw], Held[NetworkNumbers]]:
         law = NetworkLaw(self.gains, self.anti_windup, address_of(tick, tick))
@@ -96,11 +96,11 @@ class PdNetwork(Conventional):
         """Whether ticks in compiled code must call the Python method `update`: true for further subclasses."""
         return type(self) not in (PdT2fnn, PdT1fnn)
 
-    def linked(self, state: NeuroState) -> Linked | None:
+    def compiled_tick(self, state: NeuroState) -> Linked | None:
         """Return the compiled tick function, its parameters and its state, or None before the first tick."""
         return Linked(_tick, *self._numbers(state)) if state.network is not None else None
 
-    def resumed(self, state: NeuroState, found: Held[NetworkNumbers], shown: Vector) -> NeuroState:
+    def state_after_ticks(self, state: NeuroState, found: Held[NetworkNumbers], shown: Vector) -> NeuroState:
         """Return the state after ticks in compiled code, which ended in the state `found`."""
         now = fetched(found)
         return NeuroState(now.slope, now.network, shown, now.saturated)

@@ -81,6 +81,6 @@ class PdIsgn(Conventional):
     def _law(self) -> IntegralLaw:
         return IntegralLaw(self.gains, self.alpha, self.delta_s)
 
-    def linked(self, state: IntegralState) -> Linked:
+    def compiled_tick(self, state: IntegralState) -> Linked:
         """Return the compiled tick function of the controller, its parameters and its state."""
         return Linked(_tick, held(self._law), held(state))

@@ -92,6 +92,6 @@ class Pi(YawController):
         """Return the state without the last integral step, if this step has the same sign as `excess` [rad]."""
         return without_windup(state, excess)
 
-    def linked(self, state: PiState) -> Linked:
+    def compiled_tick(self, state: PiState) -> Linked:
         """Return the compiled tick function of the controller, its parameters and its state."""
         return Linked(_tick, held(PiGains(self.kp, self.ki)), held(state))

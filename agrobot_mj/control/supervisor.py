@@ -130,7 +130,7 @@ class Supervisor(SupervisorLimits):
             reason = REASONS[first].format(signal) if first >= 0 else ""
             pedal = pedal if mode is state.mode is Mode.COASTING else measured.pedal
         rest = state.neutral_s, state.still_s, state.released or cut, reason, limits, reckoning
-        return self._commanded(
+        return self._command(
             SupervisorState(mode, watched, shown, over_s, pedal, steer, *rest), situation, measured, command, dt
         )
 
@@ -138,7 +138,7 @@ class Supervisor(SupervisorLimits):
         """Return whether a controlled stop is complete: the time `still_s` of the state exceeds `settle_s`."""
         return state.mode is Mode.STOPPING and state.still_s > self.settle_s
 
-    def _commanded(
+    def _command(
         self, state: SupervisorState, situation: Situation, measured: Measurement, command: Command, dt: float
     ) -> tuple[SupervisorState, Command]:
         if state.mode is Mode.ALIGNING:

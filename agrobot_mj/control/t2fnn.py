@@ -94,7 +94,7 @@ class T2Fnn(Spec):
 
     def init(self, x1: float, x2: float) -> T2FnnState:
         """Return the initial state, with fuzzy sets centred around the first values of x1 and x2 (guard 1)."""
-        x1, x2 = self._bounded(x1), self._bounded(x2)
+        x1, x2 = self._bound(x1), self._bound(x2)
         c1 = x1 + _offsets(self.rules_1, self.spread_1)
         c2 = x2 + _offsets(self.rules_2, self.spread_2)
         d1_upper, d2_upper = np.full_like(c1, self.width_upper_1), np.full_like(c2, self.width_upper_2)
@@ -110,7 +110,7 @@ class T2Fnn(Spec):
 
     def infer(self, state: T2FnnState, x1: float, x2: float) -> float:
         """Return the network output tau_n [rad] at the inputs x1, x2; the centres do not move."""
-        x1, x2 = self._bounded(x1), self._bounded(x2)
+        x1, x2 = self._bound(x1), self._bound(x2)
         return inference(_plain(state, x1, x2), x1, x2)
 
     def update(
@@ -121,7 +121,7 @@ class T2Fnn(Spec):
         With `learn=False` only the centres change (guard 6).
         """
         known = ((state.x1, x1), (state.x2, x2))
-        last = (self._bounded(new) if old is None else float(old) for old, new in known)
+        last = (self._bound(new) if old is None else float(old) for old, new in known)
         network, tau_n, _, _ = tick(held(Network(_plain(state, *last), self._learning)), x1, x2, tau_c, dt, learn)
         return fetched(network).state, tau_n
 
@@ -134,7 +134,7 @@ class T2Fnn(Spec):
         """Log columns of the network (centres c, widths d, consequents f, firing strengths w): c1_0, ..., f_0_0, ..."""
         return _columns(self.rules_1, self.rules_2)
 
-    def _bounded(self, x: float) -> float:
+    def _bound(self, x: float) -> float:
         return min(max(float(x), -self.input_bound), self.input_bound)
 
     @property

@@ -16,7 +16,7 @@ class SignalLine(NamedTuple):
     last: float | None = None  # Last value that arrived, or None before the first value
     pending: tuple[float, ...] = ()  # Values in transit, oldest first
 
-    def carried(self, value: float, distortion: Distortion, dt: float) -> "tuple[SignalLine, float]":
+    def transmit(self, value: float, distortion: Distortion, dt: float) -> "tuple[SignalLine, float]":
         """Return the line after a tick of `dt` [s], and the received value for the sent `value`. NaN is transmitted as
         NaN."""
         if distortion == SOUND or value != value:

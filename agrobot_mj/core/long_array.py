@@ -35,12 +35,12 @@ class LongArray:
         self._map: mmap.mmap | None = None
         self._process = os.getpid()
         try:
-            self.numbers = self._mapped((rows, *shape)) if rows > PIECE else np.zeros((rows, *shape))
+            self.numbers = self._map_file((rows, *shape)) if rows > PIECE else np.zeros((rows, *shape))
         except OSError as error:
             self.numbers = _in_memory_instead((rows, *shape), error)
         self._room = rows if self._map is None else 0
 
-    def _mapped(self, shape: tuple[int, ...]) -> Array:
+    def _map_file(self, shape: tuple[int, ...]) -> Array:
         self._file = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as this array
         self._file.truncate(8 * prod(shape))
         self._map = mmap.mmap(self._file.fileno(), 0)
@@ -55,7 +55,7 @@ class LongArray:
         """
         if self._map is not None and self._process != os.getpid():
             self._process, numbers, self._room = os.getpid(), self.numbers, 0
-            self.numbers = self._mapped(numbers.shape)
+            self.numbers = self._map_file(numbers.shape)
             self.make_room(end)
             self.numbers[: end - 1] = numbers[: end - 1]
         while self._room < min(end, len(self.numbers)):

@@ -107,18 +107,18 @@ class CompiledEstimator(StateEstimator):
 
     def update(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Estimate]:
         """Return the new state and the estimate at the end of a tick of `dt` [s], from the measurement in this tick."""
-        state, estimate = self.updated(state, measurement, dt)
+        state, estimate = self.update_held(state, measurement, dt)
         return state, fetched(estimate)
 
-    def updated(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Held[Estimate]]:
+    def update_held(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Held[Estimate]]:
         """Return the new state, and a native reference (`Held`) to the estimate at the end of a tick of `dt` [s]."""
         raise NotImplementedError
 
-    def linked(self, state: Any) -> Linked | None:
+    def compiled_tick(self, state: Any) -> Linked | None:
         """Return the compiled tick function, its parameters and its state, or None if the next tick needs Python."""
         return None
 
-    def resumed(self, state: Any, found: Held[Any], shown: Vector) -> Any:
+    def state_after_ticks(self, state: Any, found: Held[Any], shown: Vector) -> Any:
         """Return the state after ticks in compiled code. At their end, the state is `found` and the log values are
         `shown`."""
         return found

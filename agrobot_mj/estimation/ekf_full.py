@@ -254,7 +254,7 @@ class EkfFull(CompiledEstimator):
         tight = _fix_noise(s, fixed, lean, self.gnss_correlation_time_s)
         return tuple(tight if quality == Quality.FIX else loose for quality in range(4))  # type: ignore[return-value]
 
-    def updated(self, state: FullState, measurement: Measurement, dt: float) -> tuple[FullState, Held[Estimate]]:
+    def update_held(self, state: FullState, measurement: Measurement, dt: float) -> tuple[FullState, Held[Estimate]]:
         """Return the new state, and a native reference (`Held`) to the estimate at the end of a tick of `dt` [s]."""
         m, horizon, ticks, fix = measurement, state.horizon, 1, measurement.fix or NO_FIX
         if measurement.fix is not None:
@@ -266,16 +266,16 @@ class EkfFull(CompiledEstimator):
     @property
     def interpreted(self) -> bool:
         """Whether compiled ticks must call the methods of the estimator."""
-        return not is_compiled(self, "updated", "report", "columns")
+        return not is_compiled(self, "update_held", "report", "columns")
 
-    def linked(self, state: FullState) -> Linked | None:
+    def compiled_tick(self, state: FullState) -> Linked | None:
         """Return the compiled tick function, its parameters and its state, or None while stored measurements await a
         fix."""
         if len(state.horizon.waiting):
             return None
         return Linked(self.compiled, state.settings, state.horizon.held, state.nothing)
 
-    def resumed(self, state: FullState, found: Held[FullNumbers], shown: Vector) -> FullState:
+    def state_after_ticks(self, state: FullState, found: Held[FullNumbers], shown: Vector) -> FullState:
         """Return the state after ticks in compiled code. At their end, the state is `found` and the log values are
         `shown`."""
         return state._replace(horizon=Horizon(found).after(found, 1)._replace(history=((),)), logged=shown)

@@ -123,7 +123,7 @@ def step(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, quality: int, dt: 
     sway = density(core.sway) + SWAY_S * (unsteady * unsteady)
     core = _predict_tick(f, core, inputs, noise, sway, dt)
     smooth, wheel, rows, used = core.smooth, inputs.wheel, no_fix(core.mean.size), (False, False, False)
-    slip = core.slip.unseen()
+    slip = core.slip.without_fix()
     if seen:
         core, wheel, rows, used = _with_fix(f, core, inputs, at_foot(fix, core.lever), sway, dt)
         slip = core.slip

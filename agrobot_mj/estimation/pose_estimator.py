@@ -255,17 +255,17 @@ class PoseEstimator(CompiledEstimator):
 
     @property
     def _filters_compiled(self) -> bool:
-        return self.backend == "compiled" and is_compiled(self, "updated", "pose_filter", "steer_bias")
+        return self.backend == "compiled" and is_compiled(self, "update_held", "pose_filter", "steer_bias")
 
-    def linked(self, state: EstimatorState) -> Linked:
+    def compiled_tick(self, state: EstimatorState) -> Linked:
         """Return the compiled tick function, its parameters and its state."""
         return Linked(self.compiled, state.settings, state.numbers, state.law)
 
-    def resumed(self, state: EstimatorState, found: Held[PoseState], shown: Vector) -> EstimatorState:
+    def state_after_ticks(self, state: EstimatorState, found: Held[PoseState], shown: Vector) -> EstimatorState:
         """Return the state of the estimator after ticks in compiled code, which ended in the state `found`."""
         return state._replace(numbers=found)
 
-    def updated(self, state: EstimatorState, measurement: Measurement, dt: float) -> tuple[Any, Held[Estimate]]:
+    def update_held(self, state: EstimatorState, measurement: Measurement, dt: float) -> tuple[Any, Held[Estimate]]:
         """Return the new state, and a native reference (`Held`) to the estimate at the end of a tick of `dt` [s]."""
         settings, law, numbers, filters = state
         m, fix, quality = Readings.of(measurement), measurement.fix or NO_FIX, measurement.quality

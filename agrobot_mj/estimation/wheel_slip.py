@@ -34,10 +34,10 @@ class WheelSlip(NamedTuple):
         change = max(0.0, low * low - SIGNIFICANT * expected) / RESIDUAL_S
         return WheelSlip(low, change, decay * self.memory + (1.0 - decay) * change)
 
-    def unseen(self) -> "WheelSlip":
+    def without_fix(self) -> "WheelSlip":
         """Return the state after a tick without a fix; the mean variance rate from earlier fixes is used."""
         return WheelSlip(0.0, self.memory, self.memory)
 
 
-for _method in ("after", "unseen"):
+for _method in ("after", "without_fix"):
     kernel_method(_method)

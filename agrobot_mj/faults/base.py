@@ -42,7 +42,7 @@ class Scripted(Spec):
         """Return whether the fault is active at time `t` [s], with a tolerance for rounding errors at start and end."""
         return self.start_s <= t + ROUNDING_S < self.last_s
 
-    def grown(self, t: float, ramp_s: float) -> float:
+    def strength_at(self, t: float, ramp_s: float) -> float:
         """Return the strength of the fault [-] at time `t` [s], which grows linearly from 0 to 1 within `ramp_s`
         [s]."""
         return min(max((t - self.start_s) / ramp_s, 0.0), 1.0) if ramp_s > 0.0 else 1.0

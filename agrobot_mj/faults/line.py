@@ -15,7 +15,7 @@ from agrobot_mj.faults.base import Scripted
 
 
 class LineFault(Scripted):
-    """Base class of the faults of one signal line. Subclasses override `apply` and call `distorted`."""
+    """Base class of the faults of one signal line. Subclasses override `apply` and call `distort`."""
 
     signals: ClassVar = {
         "steering_pot": "measured steering angle",
@@ -40,7 +40,7 @@ class LineFault(Scripted):
         found: Distortion = getattr(conditions, self.line)
         return found
 
-    def distorted(self, conditions: Conditions, **changes: Any) -> Conditions:
+    def distort(self, conditions: Conditions, **changes: Any) -> Conditions:
         """Return `conditions` with `changes` to the fields of the `Distortion` of the affected line."""
         changed: dict[str, Any] = {self.line: self.distortion(conditions)._replace(**changes)}
         return conditions._replace(**changed)
@@ -67,7 +67,7 @@ class Scaled(LineFault):
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Multiply the signal on the affected line by `scale`."""
-        return None, self.distorted(conditions, scale=self.scale * self.distortion(conditions).scale)
+        return None, self.distort(conditions, scale=self.scale * self.distortion(conditions).scale)
 
 
 class Stuck(LineFault):
@@ -93,7 +93,7 @@ class Stuck(LineFault):
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Freeze the signal on the affected line at its last value or at zero."""
-        return None, self.distorted(conditions, stuck=self.value)
+        return None, self.distort(conditions, stuck=self.value)
 
 
 class Delayed(LineFault):
@@ -111,7 +111,7 @@ class Delayed(LineFault):
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Add the delay to the signal on the affected line."""
-        return None, self.distorted(conditions, delay_s=self.distortion(conditions).delay_s + self.delay_s)
+        return None, self.distort(conditions, delay_s=self.distortion(conditions).delay_s + self.delay_s)
 
 
 class Lost(LineFault):
@@ -125,7 +125,7 @@ class Lost(LineFault):
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Mark the signal on the affected line as lost, so that the measurement is missing."""
-        return None, self.distorted(conditions, lost=True)
+        return None, self.distort(conditions, lost=True)
 
 
 class Bias(LineFault):
@@ -143,8 +143,8 @@ class Bias(LineFault):
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Add the offset, which may still be growing, to the measurement."""
-        offset = self.distortion(conditions).offset + self.offset * self.grown(t, self.ramp_s)
-        return None, self.distorted(conditions, offset=offset)
+        offset = self.distortion(conditions).offset + self.offset * self.strength_at(t, self.ramp_s)
+        return None, self.distort(conditions, offset=offset)
 
 
 class SteeringPotBias(Bias):

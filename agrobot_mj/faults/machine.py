@@ -34,7 +34,7 @@ class ValveWear(Scripted):
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Reduce the flow of the steering valve and widen its dead band."""
-        grown = self.grown(t, self.ramp_s)
+        grown = self.strength_at(t, self.ramp_s)
         gain = 1.0 - grown * (1.0 - self.gain_share)
         return None, conditions._replace(
             valve_gain=conditions.valve_gain * gain,

@@ -55,7 +55,7 @@ def contributions(view: RunView) -> tuple[Vectors, dict[str, Vectors]]:
     assumed, compensated = _assumed_tilt(view)
     missed = _foot(column("roll"), column("pitch")) - _foot(*assumed)
     arm = complex(tractor.antenna_ahead_m, tractor.antenna_left_m)
-    configured = complex(*s.sensors.gnss.configured(arm.real, arm.imag))
+    configured = complex(*s.sensors.gnss.configured_position(arm.real, arm.imag))
     antenna = rear + arm + tractor.antenna_height_m * _foot(column("roll"), column("pitch"))
     measured = _delay_rows(antenna / turned, _latency(view)) * turned
     fix = turned * (column("gnss_x") + 1j * column("gnss_y"))

@@ -61,7 +61,7 @@ def progress_of(route: SampledRoute, duration: float | None, columns: Sequence[A
     walk = _Walk(route, min(planned, own))
     for t, x, y in _places(columns):
         walk.go(t, x, y)
-    granted = 0.0 if walk.stood(planned) else LATE_S
+    granted = 0.0 if walk.is_stuck(planned) else LATE_S
     return PathProgress(walk.driven, walk.passed(planned), walk.passed(planned - granted))
 
 
@@ -113,7 +113,7 @@ class _Walk:
         k = min(self.route.number_at(t), self.last)
         return float(self.route.distances[k])
 
-    def stood(self, end: float) -> bool:
+    def is_stuck(self, end: float) -> bool:
         """Return whether the tractor made no more progress, while the reference continued until `end` [s]."""
         waited = self.t - self.driven_t
         return waited > LATE_S and self.passed(end) - self.passed(self.driven_t) > 2 * STEP_M

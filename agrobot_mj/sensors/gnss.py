@@ -222,7 +222,7 @@ class Gnss(Sensor):
     canopy: Annotated[tuple[Canopy, ...], Field(max_length=100)] = ()
     """Parts of the field with an obstructed view of the sky, configured by `[[sensors.gnss.canopy]]`."""
 
-    def configured(self, ahead: float, left: float) -> tuple[float, float]:
+    def configured_position(self, ahead: float, left: float) -> tuple[float, float]:
         """Return the distances of the antenna ahead and left of the rear axle [m] in the on-board computer, by default
         the true distances `ahead` and `left`."""
         given_ahead, given_left = self.configured_ahead_m, self.configured_left_m
@@ -298,7 +298,7 @@ class Gnss(Sensor):
         """
         canopies, line, pending, last = state
         if self.dual_antenna.enabled:
-            line, heading = line.carried(heading, conditions.heading, dt)
+            line, heading = line.transmit(heading, conditions.heading, dt)
         found = None
         if quality != Quality.NONE and round(fix.t / dt) % round(1.0 / (self.rate_hz * dt)) == 0:
             fix = fix._replace(heading=wrap(heading) if self.dual_antenna.enabled else nan)

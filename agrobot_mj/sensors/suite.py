@@ -289,7 +289,7 @@ def _distort(
         if (distortion := getattr(conditions, name)) != SOUND:
             reading, earlier = readings[sensor], last.readings.get(sensor)
             line = before.get(name) or SignalLine(getattr(earlier, field, None) if field else earlier)
-            line, value = line.carried(getattr(reading, field) if field else reading, distortion, dt)
+            line, value = line.transmit(getattr(reading, field) if field else reading, distortion, dt)
             readings[sensor] = reading._replace(**{field: value}) if field else value
             lines.append((name, line))
     return tuple(lines)

@@ -196,7 +196,7 @@ class Stage(Generic[Message]):
                 raise pending
             return pending
         found = self._found(arguments)
-        if self.method == "updated":  # by a compiled estimator
+        if self.method == "update_held":  # by a compiled estimator
             if _is_finite(found[1]):
                 return cast(tuple[Any, Message], found)
             found = found[0], fetched(found[1])

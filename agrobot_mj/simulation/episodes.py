@@ -432,8 +432,8 @@ class Episodes:
         if not regular or sensors.delivery.pending or loop.plant.trouble() is not None:
             return None
         filters, law = self.filter or cast(CompiledEstimator, s.estimator), self.law
-        estimator = filters.linked(state.estimator)
-        guidance = law.linked(state.guidance) if law else loop.guidance.linked(state.guidance, s.tractor)
+        estimator = filters.compiled_tick(state.estimator)
+        guidance = law.compiled_tick(state.guidance) if law else loop.guidance.compiled_tick(state.guidance, s.tractor)
         if estimator is None or guidance is None:
             return None
         if not loop.supervisor.enabled:
@@ -469,7 +469,7 @@ class Episodes:
             self.possible = False
             return 0, standstill
         try:
-            planned = self._planned(most, stages[1])
+            planned = self._plan_path(most, stages[1])
         except Exception:  # of a path: raised again at the time at which a single tick requires the reference
             return 0, standstill
         if not (count := len(planned.heights)):
@@ -494,7 +494,7 @@ class Episodes:
         self.moving = False
         return done, found.standstill
 
-    def _planned(self, most: int, guidance: Linked) -> PlannedPath:
+    def _plan_path(self, most: int, guidance: Linked) -> PlannedPath:
         """Return the path for an episode of at most `most` ticks.
 
         The episode ends before the last row of the log, the end of the path and the start of the next leg, and
@@ -584,14 +584,14 @@ class Episodes:
         loop.plant.resume(now.truth, now.motion, now.clear, now.ticks)
         loop.seen, state.wiring = now.truth, now.drive
         if not self.law:
-            state.guidance = loop.guidance.resumed(state.guidance, now.guidance, now.followed, now.guided)
+            state.guidance = loop.guidance.state_after_ticks(state.guidance, now.guidance, now.followed, now.guided)
         if loop.supervisor.enabled:
             state.supervisor = tracking(state.supervisor, now.supervision, now.pedal)
         state.speed, state.steering, state.brake = now.loops
         state.receiver = now.receiver
         if not self.filter:
             estimator = cast(CompiledEstimator, loop.scenario.estimator)
-            state.estimator = estimator.resumed(state.estimator, now.estimator, now.estimated)
+            state.estimator = estimator.state_after_ticks(state.estimator, now.estimator, now.estimated)
         sensors, measured = loop.suite.immediate(state.sensors.sensors, now.values, now.readings, True)
         state.sensors = state.sensors._replace(sensors=sensors, steer=measured.steer, pedal=measured.pedal)
         loop.sensed = measured, loop.situation(measured, now.estimate, reference)

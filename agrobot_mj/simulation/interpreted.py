@@ -172,7 +172,7 @@ class InterpretedLaw(Interpreted):
         super().__init__(loop.law, loop.guidance, (35, COMMAND), self._situation, self._numbers)
         self.route, self.machine, self.towed = loop.route, loop.scenario.tractor, loop.towed
 
-    def linked(self, state: Any) -> Linked:
+    def compiled_tick(self, state: Any) -> Linked:
         """Return the function and data with which compiled code calls the law, starting with the law's state
         `state`."""
         law = self.begin(state)
@@ -206,7 +206,7 @@ class InterpretedEstimator(Interpreted):
         """Array for the measurement of a tick, in the order in which `_measurement` reads it."""
         return self.exchange.inputs[FIX:]
 
-    def linked(self, state: Any) -> Linked:
+    def compiled_tick(self, state: Any) -> Linked:
         """Return the function and data with which compiled code calls the estimator, starting with its state
         `state`."""
         law = self.begin(state)

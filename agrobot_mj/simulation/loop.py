@@ -61,7 +61,7 @@ class Wiring(NamedTuple):
         """Return the state of the lines after they have transmitted the voltages in `drive` without a fault."""
         return cls(SignalLine(drive.steer_voltage - NEUTRAL_V), SignalLine(drive.pedal_voltage - NEUTRAL_V))
 
-    def carried(self, drive: Drive, conditions: Conditions, dt: float) -> "tuple[Wiring | Drive, Drive]":
+    def transmit(self, drive: Drive, conditions: Conditions, dt: float) -> "tuple[Wiring | Drive, Drive]":
         """Return the state of the lines after a tick of `dt` [s], and the voltages received by the valves."""
         if conditions.valve == conditions.pedal_valve == SOUND:
             return drive, drive
@@ -72,7 +72,7 @@ class Wiring(NamedTuple):
 
 def _transmit(line: SignalLine, voltage: float, distortion: Distortion, dt: float) -> tuple[SignalLine, float]:
     """Return the new state of a line and the received voltage [V], limited to the valve range, or NaN without power."""
-    line, arrived = line.carried(voltage - NEUTRAL_V, distortion, dt)
+    line, arrived = line.transmit(voltage - NEUTRAL_V, distortion, dt)
     return line, arrived if isnan(arrived) else NEUTRAL_V + min(max(arrived, -NEUTRAL_V), NEUTRAL_V)
 
 
@@ -109,7 +109,7 @@ class Loop:
         self.supervisor = s.supervisor if self.guidance.follows_path else Supervisor(enabled=False)
         self.script, self.towed = Script(s.fault, s.seed), s.implement.towed(s.tractor)
         self.suite = Suite(s.sensors, TICK_S)
-        method = "updated" if type(s.estimator).update is CompiledEstimator.update else "update"
+        method = "update_held" if type(s.estimator).update is CompiledEstimator.update else "update"
         self.estimator = Stage("the estimator", s.estimator.kind, s.estimator, Estimate, read_only, method)
         self.fetches = type(self.guidance).update is not Following.update
         """Whether the guidance law needs the estimate as a named tuple instead of a `Held` reference."""
@@ -143,7 +143,7 @@ class Loop:
         s = self.scenario
         if behind := self.towed.antenna:
             return -behind, 0.0
-        return s.sensors.gnss.configured(s.tractor.antenna_ahead_m, s.tractor.antenna_left_m)
+        return s.sensors.gnss.configured_position(s.tractor.antenna_ahead_m, s.tractor.antenna_left_m)
 
     def tick(self, command: Command | None = None) -> Tick:
         """Compute a tick up to the valve voltages, with an external `command` or, by default, with the guidance law.
@@ -179,7 +179,7 @@ class Loop:
     def _estimate(self, measured: Measurement) -> tuple[Measurement, Situation]:
         """Update the estimate. Return the measurement and the guidance inputs."""
         state = self.stages
-        fixed = state.receiver.reduced(measured)
+        fixed = state.receiver.at_rear_axle(measured)
         state.estimator, estimate = self.estimator.update(state.estimator, fixed, TICK_S)
         state.receiver = state.receiver.after(measured, estimate, TICK_S)
         return measured, self.situation(measured, estimate, self.path.ask(measured.t))
@@ -203,7 +203,7 @@ class Loop:
         if braked and state.brake.after(command, situation.reference, TICK_S).stands:
             command = command._replace(steer=situation.steer, steer_voltage=NEUTRAL_V)
         # an antenna on the implement swings with the hitch angle, for which the supervisor accounts
-        at_axle = measured if self.towed.antenna else state.receiver.reduced(measured)
+        at_axle = measured if self.towed.antenna else state.receiver.at_rear_axle(measured)
         state.supervisor, command = self.supervisor.update(
             state.supervisor, situation, at_axle, command, state.speed.reference, TICK_S
         )
@@ -236,7 +236,7 @@ class Loop:
             state.wiring, self.seen = drive, self.plant.advanced(drive, state.conditions)
             return
         lines = state.wiring if isinstance(state.wiring, Wiring) else Wiring.after(state.wiring)
-        state.wiring, arrived = lines.carried(drive, state.conditions, TICK_S)
+        state.wiring, arrived = lines.transmit(drive, state.conditions, TICK_S)
         self.seen = self.plant.advanced(arrived, state.conditions)
         state.faults, state.conditions = self.script.update(state.faults, self.truth.t, TICK_S)
 

@@ -33,7 +33,7 @@ class MountedReceiver(NamedTuple):
     speed: float = 0.0  # Estimated speed of the last tick [m/s]
     t: float = 0.0  # Time at which the heading is valid [s]
 
-    def reduced(self, measured: Measurement) -> Measurement:
+    def at_rear_axle(self, measured: Measurement) -> Measurement:
         """Return the measurement with the fix moved to the rear axle, using the heading at the time of the fix."""
         fix = measured.fix
         if self.arm == (0.0, 0.0) or fix is None:

@@ -101,7 +101,7 @@ class Tilted(Landscape):
         grade, direction = tan(radians(self.grade_deg)), radians(self.direction_deg)
         return grade * cos(direction), grade * sin(direction)
 
-    def tilted(self, ground: Ground) -> Ground:
+    def tilt(self, ground: Ground) -> Ground:
         """Return a copy of `ground` with the heights of the tilted plane added to the height grid."""
         rows, columns = ground.heights.shape
         x = ground.x0 + ground.spacing * np.arange(columns)

@@ -65,9 +65,9 @@ class Bumps(Generated):
 
     def places(self) -> list[Bump]:
         """Return the centre (x, y) [m] and the heading [rad] of every bump."""
-        return self._scattered() if self.layout == "scattered" else self._row()
+        return self._scatter() if self.layout == "scattered" else self._row()
 
-    def _scattered(self) -> list[Bump]:
+    def _scatter(self) -> list[Bump]:
         rng = stream(self.seed, "terrain.bumps")
         half = np.array(self.half_sizes)
         places = rng.uniform(-half, half, (self.count, 2))

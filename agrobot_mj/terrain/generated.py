@@ -58,7 +58,7 @@ class Generated(Sized, Tilted):
         ground = Ground(float(x[0]), float(y[0]), spacing, np.ascontiguousarray(heights))
         if ground.steepest > tan(radians(STEEPEST_DEG)):
             raise ValueError(f"{self.VERTICAL}: the slopes are steeper than {STEEPEST_DEG:g} deg; reduce the value")
-        return self.tilted(ground)
+        return self.tilt(ground)
 
     def _cells(self) -> tuple[int, int]:
         """Return the numbers of cells to the east and north. Raises ValueError for too large or too many cells."""

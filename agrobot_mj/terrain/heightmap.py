@@ -55,7 +55,7 @@ class Heightmap(Tilted):
                 f"a slope above {STEEPEST_DEG:g} deg; its heights are probably in another unit; set a scale of at "
                 f"most {rounded_down(abs(self.scale) * limit / ground.steepest):g}"
             )
-        return self.tilted(ground)
+        return self.tilt(ground)
 
     @property
     def _name(self) -> str:

@@ -138,7 +138,7 @@ class AxleTyre(Spec):
     longitudinal: Curve = Curve(mu=0.8, stiffness_per_load=10.0, shape=1.4)
     """Curve of the longitudinal force as a function of the slip ratio [-]."""
 
-    def clamped(self, df: float) -> str:
+    def clamp_phrase(self, df: float) -> str:
         """Return a phrase about coefficients that `LEAST_SHARE` limits at the relative load change `df` [-], or ""."""
         curves = (self.lateral, self.longitudinal)
         held = {
@@ -186,7 +186,7 @@ class MagicFormula(CarcassTyre):
             if not KNOWN_LOADS[0] <= (share := load / reference) <= KNOWN_LOADS[1]:
                 known = "grip and stiffness are valid from {:g} to {:g} times the reference load".format(*KNOWN_LOADS)
                 at = f"a wheel carries {load:.0f} N, {share:.2g} times the reference load of {reference:.0f} N"
-                yield f"{wheel.axle}.reference_load_n: {at}; {known}{tyre.clamped(share - 1)}"
+                yield f"{wheel.axle}.reference_load_n: {at}; {known}{tyre.clamp_phrase(share - 1)}"
 
     def of_implement(self) -> Self:
         """Return the tyre with the static load of the implement's wheels as the reference load."""

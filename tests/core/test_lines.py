@@ -13,7 +13,7 @@ def arrived(values, distortions):
     """Return the values received for the sent `values`, each with its distortion."""
     line, found = SignalLine(), []
     for value, distortion in zip(values, distortions, strict=True):
-        line, value = line.carried(value, distortion, DT)
+        line, value = line.transmit(value, distortion, DT)
         found.append(value)
     return found
 
@@ -47,11 +47,11 @@ def test_signal_line_fault_does_not_restore_cut_valve_power():
     """The power cut is independent of line faults."""
     for distortion in (Distortion(stuck="last"), Distortion(scale=-1.0), Distortion(delay_s=0.5)):
         ill = NOMINAL._replace(pedal_valve=distortion)
-        wiring, _ = Wiring().carried(Drive(6.0, 9.0), ill, DT)
-        assert isnan(wiring.carried(Drive(6.0, nan), ill, DT)[1].pedal_voltage)
+        wiring, _ = Wiring().transmit(Drive(6.0, 9.0), ill, DT)
+        assert isnan(wiring.transmit(Drive(6.0, nan), ill, DT)[1].pedal_voltage)
 
 
 def test_distorted_valve_voltage_is_clipped_to_the_valid_range():
     ill = NOMINAL._replace(valve=Distortion(scale=10.0))
-    assert Wiring().carried(Drive(7.5, 6.0), ill, DT)[1].steer_voltage == 12.0
-    assert Wiring().carried(Drive(4.5, 6.0), ill, DT)[1].steer_voltage == 0.0
+    assert Wiring().transmit(Drive(7.5, 6.0), ill, DT)[1].steer_voltage == 12.0
+    assert Wiring().transmit(Drive(4.5, 6.0), ill, DT)[1].steer_voltage == 0.0

@@ -49,9 +49,9 @@ def test_slip_random_walk_variance_grows_only_if_wheel_slip_changes():
     for _ in range(200):
         calm = calm.after(0.0, variance, 0.0025**2, DT)
     assert calm.change == 0.0
-    lost = calm.unseen()
+    lost = calm.without_fix()
     assert 0.001 < lost.change**0.5 < 0.05
-    assert lost.unseen() == lost
+    assert lost.without_fix() == lost
 
 
 def test_slip_random_walk_variance_decays_if_slip_is_constant_in_a_loss():
@@ -59,8 +59,8 @@ def test_slip_random_walk_variance_decays_if_slip_is_constant_in_a_loss():
     for _ in range(12000):
         slip = slip.after(0.0, 0.03**2, 0.0025**2, DT)
     assert new.change == slip.change == 0.0  # with fixes the slip is observable
-    assert new.unseen().change ** 0.5 == pytest.approx(0.008)
-    assert slip.unseen().change ** 0.5 == pytest.approx(0.008 * np.exp(-1.0))
+    assert new.without_fix().change ** 0.5 == pytest.approx(0.008)
+    assert slip.without_fix().change ** 0.5 == pytest.approx(0.008 * np.exp(-1.0))
 
 
 @pytest.fixture(scope="module")

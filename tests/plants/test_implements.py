@@ -78,7 +78,9 @@ def test_trailer_weight_is_divided_between_hitch_and_axle_by_leverage():
 def test_depth_wheel_load_follows_from_moments_about_the_virtual_hitch():
     implement = Mounted(linkage="float", lowered=False)
     plant, _ = plant_with(implement)
-    assert said(plant)["depth_wheel_load"] == pytest.approx(implement._carried(implement.mass_kg * GRAVITY), rel=1e-2)
+    assert said(plant)["depth_wheel_load"] == pytest.approx(
+        implement._static_load(implement.mass_kg * GRAVITY), rel=1e-2
+    )
 
 
 @pytest.mark.parametrize("implement", [Mounted(), Mounted(linkage="float"), Drawn(lowered=True)], ids=str)

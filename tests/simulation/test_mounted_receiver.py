@@ -50,10 +50,10 @@ def test_delayed_fix_is_transferred_to_the_axle_of_a_turning_tractor(late):
     now = 3.0
     receiver = MountedReceiver(arm, 1.4, rate * (now - 0.05), t=now - 0.05)
     measured = Measurement(now, fix(now - late), Quality.FIX, 0.0, 0.0, gyro=rate)
-    found = receiver.reduced(measured).fix
+    found = receiver.at_rear_axle(measured).fix
     assert (found.x, found.y) == pytest.approx(axle(now - late))
     assert (found.vx, found.vy) == pytest.approx(from_heading(rate * (now - late), speed, 0.0))
-    tilted = receiver.reduced(measured._replace(roll=0.2, pitch=0.0)).fix
+    tilted = receiver.at_rear_axle(measured._replace(roll=0.2, pitch=0.0)).fix
     shift = from_heading(rate * (now - late), 0.0, LEFT * (1 - np.cos(0.2)))
     assert (tilted.x - found.x, tilted.y - found.y) == pytest.approx(shift)
 

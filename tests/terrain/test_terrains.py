@@ -271,4 +271,4 @@ def test_tractor_starts_on_all_wheels_at_any_position_of_a_terrain(terrain, yaw)
 
 
 def test_slope_terrain_equals_tilted_flat_terrain():
-    assert Slope(grade_deg=7.0).ground().heights == pytest.approx(Slope(grade_deg=7.0).tilted(Flat().ground()).heights)
+    assert Slope(grade_deg=7.0).ground().heights == pytest.approx(Slope(grade_deg=7.0).tilt(Flat().ground()).heights)

@@ -54,14 +54,14 @@ class FieldDrive:
         else:
             at = x - self.plan.behind * np.cos(yaw), y - self.plan.behind * np.sin(yaw), yaw
         ahead = np.cos(yaw) * (column("x_hat") - x) + np.sin(yaw) * (column("y_hat") - y)
-        found = ImplementMotion(t, *at, self._travelled() + np.nan_to_num(ahead))
+        found = ImplementMotion(t, *at, self._travelled_distances() + np.nan_to_num(ahead))
         good = np.isfinite(np.column_stack(found)).all(axis=1)
         if good.sum() < 2:
             raise ScenarioError("the run ended before the implement moved; no coverage is available")
         kept = ImplementMotion(*(values[good] for values in found))
         return kept._replace(yaw=np.unwrap(kept.yaw))
 
-    def _travelled(self) -> Array:
+    def _travelled_distances(self) -> Array:
         """Return the arc length of the plan at the position of the CG in each tick [m]."""
         beside = self.view.cg_on_path
         timed = self.log.scenario.path.motion  # type: ignore[union-attr]

@@ -135,7 +135,7 @@ class AdaptiveLoop(AngleLoop):
     def update(self, state: AdaptiveState, wanted: float, steer: float, dt: float) -> tuple[AdaptiveState, float]:
         """Learn from the last tick. Return the new state, and the valve voltage that corrects the predicted angle error
         [V]."""
-        state = self._learnt(state, steer, dt) if state.steer is not None else state
+        state = self._learn(state, steer, dt) if state.steer is not None else state
         error = wanted - steer - self._coming(state, dt)
         volts = 0.0
         if abs(error) > radians(self.tolerance_deg):
@@ -161,7 +161,7 @@ class AdaptiveLoop(AngleLoop):
             angle += dt * _rate(state.sides, mean)
         return angle
 
-    def _learnt(self, state: AdaptiveState, steer: float, dt: float) -> AdaptiveState:
+    def _learn(self, state: AdaptiveState, steer: float, dt: float) -> AdaptiveState:
         """Return the state with the last tick added to the time segment. A completed segment updates the valve map."""
         v, turned = state.mean, steer - (state.steer or 0.0)
         side, inside = 1 if v > 0 else -1, not SLOWEST_V < abs(v) < FASTEST_V

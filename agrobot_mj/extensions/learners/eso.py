@@ -69,14 +69,14 @@ class Eso(Following):
     ) -> tuple[EsoState, float]:
         """Return the new state and the steering angle [rad]: the angle of the inner law plus the compensation of
         disturbances."""
-        memory = self.observed(memory, beside, situation, dt)
+        memory = self.observe(memory, beside, situation, dt)
         against = -atan(self.rolling(situation)[1] * memory.curvature)
         course = beside._replace(heading=beside.heading + memory.crab, yaw=beside.yaw - memory.crab)
         seen = situation._replace(steer=situation.steer - against)
         inner, wanted = self.inner.steering(memory.inner, course, seen, dt)
         return memory._replace(inner=inner), wanted + against
 
-    def observed(self, memory: EsoState, beside: PathDeviation, situation: Situation, dt: float) -> EsoState:
+    def observe(self, memory: EsoState, beside: PathDeviation, situation: Situation, dt: float) -> EsoState:
         """Return the updated observer state. At low speed or large heading error, disturbances are held constant."""
         now = beside.cross_track, beside.heading
         if memory.seen is None or abs(beside.heading) > STEEP or abs(situation.estimate.speed) < MOVING_M_S:

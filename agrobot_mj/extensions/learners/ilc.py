@@ -77,7 +77,7 @@ class Ilc(AngleLearner, PlaceLearner):
             state = state._replace(lap=lap, length=length)
         ahead = self.map.value(state.lap, place.s, state.length)
         answered = self.map.value(state.lap, place.s - e.speed * self.answer_s, state.length)
-        inner, command, feedback, learning = self.corrected(state, situation, ahead, answered, place.offset, dt)
+        inner, command, feedback, learning = self.correct(state, situation, ahead, answered, place.offset, dt)
         way = 0.0 if state.s is None else max(place.s - state.s, 0.0)
         settled = state.settled + way if learning else 0.0
         learning = learning and settled >= SETTLED_M

@@ -128,7 +128,7 @@ class LapMap(Spec):
         square = keep * state.square + (1.0 - keep) * error * error
         state = state._replace(s=s, since=state.since + max(way, 0.0), square=square)
         state = _update_location(state, k, error, correction)
-        return self._returned(state) if self.guard and _worse_here(state, k) else state
+        return self._return_to_best(state) if self.guard and _worse_here(state, k) else state
 
     def learned(self, state: LapState, lap: float, bound: float, name: str) -> Learned:
         """Return the map of the quantity `name` for the next lap, and the best map with its error, by arc length."""
@@ -151,7 +151,7 @@ class LapMap(Spec):
         fresh = fresh._replace(wanted=state.map_ + correction)
         rms = sqrt(float(square.sum() / ticks.sum()))
         if self.guard and rms > WORSE * state.best_rms + MARGIN_M:
-            return self._returned(fresh)._replace(whole=True)
+            return self._return_to_best(fresh)._replace(whole=True)
         if rms < state.best_rms:
             fresh = fresh._replace(best=state.map_, best_square=state.here, best_rms=rms)
         if not (share := self.gain * state.share):
@@ -160,7 +160,7 @@ class LapMap(Spec):
         map_ = np.clip(repeats * (state.map_ + share * correction), -bound, bound)
         return fresh._replace(map_=map_, before=state.map_, since=0.0)
 
-    def _returned(self, state: LapState) -> LapState:
+    def _return_to_best(self, state: LapState) -> LapState:
         """Return the state with the map of the best lap or, if this map is already in use, with an empty map. The next
         complete lap measures the error of the selected map."""
         learnt = not np.array_equal(state.map_, state.best)

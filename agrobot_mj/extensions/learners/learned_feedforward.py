@@ -110,7 +110,7 @@ class PathNetwork(Spec):
         w: Array = Q * normalise(lower) + (1 - Q) * normalise(upper)
         return w
 
-    def remembered(self, state: PathNetworkState, w: Array, dt: float) -> PathNetworkState:
+    def fade_traces(self, state: PathNetworkState, w: Array, dt: float) -> PathNetworkState:
         """Return the state `dt` [s] later, with rule traces that follow the rule weights `w` with a first-order lag."""
         return state._replace(trace=state.trace + (w - state.trace) * dt / (self.trace_s + dt))
 
@@ -196,10 +196,10 @@ class LearnedFeedforward(AngleLearner):
         ahead, answered = float(map_.f @ w), float(map_.f @ map_.trace)
         e, r = situation.estimate, situation.reference
         offset = to_heading(r.yaw, r.x - e.x, r.y - e.y)[1]
-        inner, command, feedback, learning = self.corrected(state, situation, ahead, answered, offset, dt)
+        inner, command, feedback, learning = self.correct(state, situation, ahead, answered, offset, dt)
         if learning:
             map_ = self.network.learnt(map_, feedback, radians(self.bound_deg), dt)
-        map_ = self.network.remembered(map_, w, dt)
+        map_ = self.network.fade_traces(map_, w, dt)
         return LearnedState(inner, map_, command.steer, ahead, feedback, learning), command
 
     def inputs(self, situation: Situation) -> PathInput:

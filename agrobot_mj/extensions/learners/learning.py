@@ -103,7 +103,7 @@ class AngleLearner(LearningLaw):
     max_steer_lag_deg: Positive
     """Difference between measured and last commanded steering angle [deg] above which learning is suspended."""
 
-    def corrected(
+    def correct(
         self, state: Any, situation: Situation, ahead: float, answered: float, offset: float, dt: float
     ) -> Corrected:
         """Return the command of the inner law plus the learned angle `ahead` [rad].

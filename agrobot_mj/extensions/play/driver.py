@@ -112,7 +112,7 @@ class PlayDriver:
         if law and not session.given.law:  # the law failed
             self.law, self.angle, self.speed = 0, 0.0, 0.0
 
-    def recalled(self) -> None:
+    def recall(self) -> None:
         """Set steering angle, speed and guidance law to the inputs of a restored state of the drive."""
         given = self.session.given
         self.law, self.law_speed = given.law, given.speed if given.law else self.law_speed

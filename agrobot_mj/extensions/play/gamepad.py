@@ -58,7 +58,7 @@ class Gamepad:
         self.steer, self.drive, self.seen = steer, drive, time.monotonic()
         self._pressed.extend(name for name in pressed if name in BUTTONS.values())
 
-    def pressed(self) -> list[str]:
+    def new_presses(self) -> list[str]:
         """Return the actions of the buttons that were pressed since the last call."""
         return [self._pressed.popleft() for _ in range(len(self._pressed))]
 

@@ -146,7 +146,7 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
         self.viewer.send_to_sim(Press(name, value, text))
 
     def _keys(self) -> None:
-        for name in self.pad.pressed():
+        for name in self.pad.new_presses():
             self._act(name)
         if imgui.IsAnyItemActive():  # a slider may be edited as text
             return

@@ -128,7 +128,7 @@ class Play:
 
     def _recall(self) -> None:
         self.session.recall()
-        self.driver.recalled()
+        self.driver.recall()
         self.curve = [point for point in self.curve if point.t <= self.session.sim.truth.t]
 
     def tick(self, keys: Keys) -> None:
@@ -253,7 +253,7 @@ def save(session: PlaySession, folder: Path, recorded: bool) -> Log:
     from agrobot_mj.recording import Recording
 
     with tempfile.TemporaryDirectory() as place:
-        log = session.finished(Path(place))
+        log = session.finish(Path(place))
         scenario = log.scenario.changed({"expected_outcome": log.outcome})
         log = replace(log, scenario=scenario)
         with results(folder, files_of_run(scenario)):

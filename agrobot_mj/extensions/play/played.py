@@ -113,12 +113,12 @@ class Played(GuidanceLaw):
         if self.inputs.file is not None:
             given = read_inputs(self.inputs.file).at(round(situation.t / TICK_S))
         if given.law:
-            return self._led(state._replace(given=given), situation, dt)
+            return self._follow_law(state._replace(given=given), situation, dt)
         limit = situation.machine.steer_limit
         steer = clip(given.steer, -limit, limit)
         return PlayState(given), Command(steer, given.speed, pedal=None if given.speed else 0.0)
 
-    def _led(self, state: PlayState, situation: Situation, dt: float) -> tuple[PlayState, Command]:
+    def _follow_law(self, state: PlayState, situation: Situation, dt: float) -> tuple[PlayState, Command]:
         """Return the new state and the command of the active guidance law, at the law's own time on the path."""
         given, law, route = state.given, self.members[state.given.law - 1], situation.route
         if given.law != state.law:

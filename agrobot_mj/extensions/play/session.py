@@ -166,7 +166,7 @@ class PlaySession:
         side = -sin(r.yaw) * (truth.x - r.x) + cos(r.yaw) * (truth.y - r.y)
         return hypot(truth.x - r.x, truth.y - r.y) * (1.0 if side >= 0 else -1.0)
 
-    def finished(self, folder: Path) -> Log:
+    def finish(self, folder: Path) -> Log:
         """Write the driver inputs to a folder. Return the log with a scenario that reproduces the drive.
 
         The last tick is simulated again with the written inputs, so that the drive and its reproduction end

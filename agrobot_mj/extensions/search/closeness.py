@@ -103,10 +103,10 @@ class _Ticks:
         if not isinstance(node, ast.Compare):
             raise TypeError(f"unsupported expression in a condition: {ast.unparse(node)}")
         sides = pairwise([node.left, *node.comparators])
-        found = [self._compared(op, *pair) for op, pair in zip(node.ops, sides, strict=True)]
+        found = [self._compare(op, *pair) for op, pair in zip(node.ops, sides, strict=True)]
         return np.asarray(np.min(found, axis=0))
 
-    def _compared(self, op: ast.cmpop, left: ast.expr, right: ast.expr) -> Array:
+    def _compare(self, op: ast.cmpop, left: ast.expr, right: ast.expr) -> Array:
         names = [side.value if isinstance(side, ast.Constant) else name_of(side) for side in (left, right)]
         if "outcome" in names:
             near = self._end(str(next(name for name in names if name != "outcome")))
@@ -145,13 +145,13 @@ class _Ticks:
         """Return the margin to an outcome such as `rolled_over` at each tick [-], from load transfer, roll, hitch angle
         or path offset."""
         if outcome == "rolled_over":
-            return self._tipped() - 1.0
+            return self._tipping() - 1.0
         if outcome == "jackknifed" and "hitch_angle" in self.known:
             return _magnitude(self.view.column("hitch_angle")) / (pi / 2) - 1.0
         lost = _magnitude(self.view.cg_on_path.offset) / LOST_M
-        return 1.0 - np.maximum(self._tipped(), lost) if outcome == "completed" else lost - 1.0
+        return 1.0 - np.maximum(self._tipping(), lost) if outcome == "completed" else lost - 1.0
 
-    def _tipped(self) -> Array:
+    def _tipping(self) -> Array:
         """Return the mean of load transfer ratio and absolute roll [rad], about 1 for an overturned tractor."""
         lean = _magnitude(self.view.column("roll"))
         if "load_fl" not in self.known:

@@ -186,7 +186,7 @@ def _varied_key(text: str) -> "Varied":
 
     key, _, value = utf8(text, "--vary").partition("=")
     key = key.strip()
-    made: Callable[[str, float, float], Varied] = Varied.ranged
+    made: Callable[[str, float, float], Varied] = Varied.in_range
     try:
         if value.lstrip().startswith("{"):
             draws: dict[str, Any] = overrides([text], "--vary")[key]

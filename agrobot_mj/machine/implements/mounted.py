@@ -77,7 +77,7 @@ class Mounted(ImplementBase):
         behind = tractor.hitch_behind_m
         sunk = 0.0 if floating else sinking(tractor, weight, behind + self.cg_behind_m, behind + self.tool_behind_m)
         tip = ground + sunk - self.tool.depth_m
-        carried = self._carried(weight) if floating else 0.0
+        carried = self._static_load(weight) if floating else 0.0
         wheel = DepthWheel(
             (-self.depth_wheel_behind_m, 0.0, ground - carried / self.depth_wheel_stiffness_n_m),
             self.depth_wheel_stiffness_n_m,
@@ -99,7 +99,7 @@ class Mounted(ImplementBase):
             shapes=self._shapes(tractor, ground),
         )
 
-    def _carried(self, weight: float) -> float:
+    def _static_load(self, weight: float) -> float:
         """Return the static load on the depth wheel [N], from the moment of the weight about the virtual hitch."""
         ahead = self.virtual_hitch_ahead_m
         return weight * (ahead + self.cg_behind_m) / (ahead + self.depth_wheel_behind_m)

@@ -60,11 +60,11 @@ class Sink:
             full = self.path is not None and shutil.disk_usage(self.path.parent).free < FULL_BYTES
             if self.live and not full:
                 return True  # the viewer is slow or closed
-            self._cut()
+            self._close_file()
             return False
         if self.path is not None:
             if shutil.disk_usage(self.path.parent).free < self.spare:
-                self._cut()
+                self._close_file()
                 return False
             self.whole = self.path.stat().st_size
         return True
@@ -74,9 +74,9 @@ class Sink:
         if self.path is None or self.flush():
             self.stream.disconnect()
             if self.path is not None and not ends_well(self.path):
-                self._cut()
+                self._close_file()
 
-    def _cut(self) -> None:
+    def _close_file(self) -> None:
         if self.path is None:
             return
         time.sleep(LAST_WORDS_S)

@@ -178,9 +178,9 @@ class SweepPlan:
                 wrong.setdefault(fault, []).append(run.place)
             advance()
         if wrong:
-            raise ScenarioError("\n".join(self._listed(wrong, self.checks)))
+            raise ScenarioError("\n".join(self._list_errors(wrong, self.checks)))
 
-    def _listed(self, wrong: dict[str, list[str]], checked: int) -> Iterator[str]:
+    def _list_errors(self, wrong: dict[str, list[str]], checked: int) -> Iterator[str]:
         room = MOST_LINES
         for fault, found in wrong.items():
             places = list(dict.fromkeys(found))

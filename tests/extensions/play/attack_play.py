@@ -102,7 +102,7 @@ def _gamepad(chance: random.Random) -> str:
     for _ in range(200):
         text = _pad_message(chance)
         pad.receive(text.encode(errors="replace") if chance.random() < 0.3 else text)
-        pad.pressed()
+        pad.new_presses()
         if not (abs(pad.steer) <= 1 and abs(pad.drive) <= 1):
             return f"{text[:200]!r} gives {pad.steer}, {pad.drive}"
     return ""

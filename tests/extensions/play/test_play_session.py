@@ -280,7 +280,7 @@ def test_gamepad_state_is_ignored_when_it_is_invalid_or_old():
     seen = pad.seen
     for text in ("", "[]", "{}", b"\xff", '{"steer": NaN, "drive": 0, "pressed": []}', "[" * 5000, '{"steer": 1}'):
         pad.receive(text)
-    assert (pad.steer, pad.drive, pad.pressed(), pad.pressed()) == (0.0, 1.0, ["stop"], [])
+    assert (pad.steer, pad.drive, pad.new_presses(), pad.new_presses()) == (0.0, 1.0, ["stop"], [])
     assert pad.added_to(Keys(left=True, seen=seen)) == Keys(left=True, seen=seen, pedal=1.0)
     assert pad.added_to(Keys(seen=seen + 0.5)) == Keys(seen=seen + 0.5)
 

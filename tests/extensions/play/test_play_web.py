@@ -155,7 +155,7 @@ def test_page_sends_the_state_of_a_gamepad_to_the_server():
             until = time.monotonic() + 30
             while not pad.steer and time.monotonic() < until:
                 time.sleep(0.01)
-    assert (pad.steer, pad.drive, pad.pressed()) == (0.5, -1.0, ["law"])
+    assert (pad.steer, pad.drive, pad.new_presses()) == (0.5, -1.0, ["law"])
 
 
 @alone

@@ -37,7 +37,7 @@ def limits(chance: random.Random) -> str:
                 return f"a message of {len(str(error))} characters for {text[:200]!r}"
             continue
         for number in (nan, inf, None, -0.0, 1e308):
-            condition.met(dict.fromkeys(names(), number) | {"outcome": "stuck"})
+            condition.is_met(dict.fromkeys(names(), number) | {"outcome": "stuck"})
     return ""
 
 

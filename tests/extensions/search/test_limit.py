@@ -41,12 +41,12 @@ SCENARIO = load_scenario("figure_eight", {"plant.kind": "bicycle", "duration_s":
 )
 def test_failure_conditions_are_evaluated_as_written(text, met):
     numbers = {"outcome": "completed", "lateral_rms": 0.25, "xte_rms": 0.05, "passes.xte_mean": -1.0}
-    assert Condition(text, METRICS).met(numbers) is met
+    assert Condition(text, METRICS).is_met(numbers) is met
 
 
 @pytest.mark.parametrize("text", ["lateral_rms > 0.3", "not lateral_rms < 0.3", "outcome == stuck or lateral_rms < 1"])
 def test_missing_metric_value_counts_as_failure(text):
-    assert Condition(text, METRICS).met({"outcome": "completed", "lateral_rms": None})
+    assert Condition(text, METRICS).is_met({"outcome": "completed", "lateral_rms": None})
 
 
 UNREADABLE = ("", "lateral_rms", "1 < 2", "lateral_rms >", "lateral_rms + 1 > 2", "lateral_rms > 'a'", "outcome > 3")

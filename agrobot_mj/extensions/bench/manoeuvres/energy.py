@@ -85,11 +85,11 @@ class Books:
         slope = np.array([(h[0, 0] - h[0, 1]) / (x_max - x_min), (h[0, 0] - h[1, 0]) / (y_max - y_min), 1.0])
         self.normal = slope / np.linalg.norm(slope)
         plant.model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
-        self.start = self.stored()
+        self.start = self.energies()
         self.engine = self.hydraulic = self.tyres = self.damping = self.springs = 0.0
         self.jacobians = np.zeros((2, 3, plant.model.nv))
 
-    def stored(self) -> Array:
+    def energies(self) -> Array:
         """Return the potential and kinetic energy of the plant, shape (2,) [J]."""
         mujoco.mj_forward(self.plant.model, self.plant.data)
         return np.array(self.plant.data.energy, dtype=np.float64)
@@ -117,7 +117,7 @@ class Books:
 
     def close(self) -> tuple[float, float, float]:
         """Return the loss of potential energy, the gain of kinetic energy, and the residual of the balance [J]."""
-        potential, kinetic = self.stored() - self.start
+        potential, kinetic = self.energies() - self.start
         lost = self.hydraulic + self.tyres + self.damping + self.springs
         return -float(potential), float(kinetic), float(self.engine - potential - lost - kinetic)
 

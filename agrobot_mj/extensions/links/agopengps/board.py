@@ -178,7 +178,7 @@ class Board(NamedTuple):
         asked = state.asked
         engaged = asked is not None and not state.latched and not state.silent and self._wants(asked)
         wish = nan if asked is None else clip(asked.steer, -self.limit, self.limit)
-        pwm = pwm_of(wish - self._believed(state), state.settings) if engaged else 0
+        pwm = pwm_of(wish - self._attitude(state), state.settings) if engaged else 0
         tally = state.tally._replace(engagements=state.tally.engagements + (engaged and not state.engaged))
         state = state._replace(engaged=engaged, pwm=pwm, tally=tally)
         off = nan if asked is None or state.silent else cross_track_of(asked, spec.host)
@@ -196,7 +196,7 @@ class Board(NamedTuple):
 
     def report(self, state: BoardState, t: float) -> tuple[BoardState, tuple[bytes, ...]]:
         """Return the new board state and an encoded message with angle, switches and PWM. `t` is the board time [s]."""
-        answer = SteerState(self._believed(state), switches=self._switches(t), pwm=abs(state.pwm))
+        answer = SteerState(self._attitude(state), switches=self._switches(t), pwm=abs(state.pwm))
         return state._replace(reported_at=t), (encode(answer),)
 
     def report_if_due(self, state: BoardState, t: float) -> tuple[BoardState, tuple[bytes, ...]]:
@@ -226,14 +226,14 @@ class Board(NamedTuple):
     def _answers(self, state: BoardState, message: Message, t: float) -> tuple[Message, ...]:
         if isinstance(message, Hello):
             counts = round(counts_of(state.steer, self.spec.sensor_counts_per_degree, state.config))
-            steer = HelloReply(STEER, self._believed(state), counts, self._switches(t))
+            steer = HelloReply(STEER, self._attitude(state), counts, self._switches(t))
             return (steer, HelloReply(IMU)) if self.inertial_unit else (steer,)
         if isinstance(message, Scan):
             a = self.address
             return (ScanReply(STEER, a, (a[0], a[1], a[2])),)
         return ()
 
-    def _believed(self, state: BoardState) -> float:
+    def _attitude(self, state: BoardState) -> float:
         counts = counts_of(state.steer, self.spec.sensor_counts_per_degree, state.config)
         return angle_of(counts, state.settings, self.spec.host)
 

@@ -31,7 +31,7 @@ class _Sockets:
         host, port = target or self.sockets.target
         return time.perf_counter() - self.opened, f"{host}:{port}"
 
-    def _received(self, until: float, quiet_from: float = inf) -> Iterator[Incoming]:
+    def _receive(self, until: float, quiet_from: float = inf) -> Iterator[Incoming]:
         for incoming in self.sockets.receive(until):
             yield incoming._replace(wall=incoming.wall - self.opened, quiet=incoming.wall > quiet_from)
 
@@ -46,12 +46,12 @@ class RealTime(_Sockets):
     def begin(self, turn: int) -> Iterator[Incoming]:
         """Return the datagrams received until the cycle is due, and begin the cycle."""
         due = self.pace.next
-        yield from self._received(due, due - QUIET_S)
+        yield from self._receive(due, due - QUIET_S)
         self.pace.begin()
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
         """Return the datagrams received during one period of the board's control loop."""
-        return self._received(time.perf_counter() + self.loop)
+        return self._receive(time.perf_counter() + self.loop)
 
 
 class Answered(_Sockets):
@@ -68,13 +68,13 @@ class Answered(_Sockets):
         """Return the datagrams received since the previous cycle. If the host did not reply in that cycle, wait first
         for the rest of the tick."""
         wait = 0.0 if self.alive else TICK_S - BOARD_LOOP_S
-        return self._received(time.perf_counter() + wait)
+        return self._receive(time.perf_counter() + wait)
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
         """Return the datagrams received until `answered()` is true (the host has replied), or until a time limit."""
         if answered():
             return
-        for incoming in self._received(time.perf_counter() + (ANSWER_S if self.alive else BOARD_LOOP_S)):
+        for incoming in self._receive(time.perf_counter() + (ANSWER_S if self.alive else BOARD_LOOP_S)):
             yield incoming
             if answered():
                 break

@@ -59,7 +59,7 @@ class _Problem:
         self.pieces = [(each, start_pose(each, scenario.tractor.wheelbase_m)) for each in pieces]
         self.weights: dict[str, float] = {}
 
-    def misread(self, scale: float, delay: float) -> "_Problem":
+    def with_misreading(self, scale: float, delay: float) -> "_Problem":
         """Return a copy of the problem with a relative scale error and a latency error [s] of the wheel angles."""
         other = copy(self)
         other.pieces = [
@@ -77,7 +77,7 @@ class _Problem:
             found |= _residuals(k, piece, drive(scenario, piece, pose))
         return found
 
-    def weighted(self, x: Array, _: Any = None) -> tuple[list[Array], None, None]:
+    def weighted_residuals(self, x: Array, _: Any = None) -> tuple[list[Array], None, None]:
         """Return weighted residuals (samples, points) for unknowns `x` (n, points), in the format of `mujoco.sysid`."""
         points = [self.residuals(each) for each in np.reshape(x, (len(self.start), -1)).T]
         rows = {key: np.stack([each[key] for each in points], axis=1) for key in points[0]}
@@ -109,12 +109,12 @@ def fit_keys(
         problem.weights = _rms(now)
         x, jacobian = _optimum(toolbox, problem, x)
         now = problem.residuals(x)
-    rows = [row[:, 0] for row in problem.weighted(x)[0]]
+    rows = [row[:, 0] for row in problem.weighted_residuals(x)[0]]
     scale = np.diag(list(start.values()))
     halves = np.abs(scale) @ toolbox.calculate_intervals(rows, jacobian)[1]
     covariance = _jackknife_covariance(now, rows, jacobian)
     for error in ((STEER_SCALE, 0.0), (0.0, STEER_DELAY_S)):
-        misread = problem.misread(*error).weighted(x)[0]
+        misread = problem.with_misreading(*error).weighted_residuals(x)[0]
         effect = np.linalg.pinv(jacobian) @ np.concatenate(
             [other[:, 0] - row for other, row in zip(misread, rows, strict=True)]
         )
@@ -170,7 +170,7 @@ def _optimum(toolbox: Any, problem: _Problem, x: Array) -> tuple[Array, Array]:
     for name, start in zip(problem.start, x.tolist(), strict=True):
         unknown.add(toolbox.Parameter(name, start, 1 / RANGE, RANGE))
     limits = {"max_iters": 20, "eps": STEP, "xtol": 1e-3, "gtol": 1e-3}
-    found, result = toolbox.optimize(unknown, problem.weighted, verbose=False, output=StringIO(), **limits)
+    found, result = toolbox.optimize(unknown, problem.weighted_residuals, verbose=False, output=StringIO(), **limits)
     return found.as_vector(), result.jac
 
 

@@ -50,5 +50,5 @@ class AgOpenWebRecorder(LogReader):
                         roll=radians(float(row.get("roll") or "nan")),
                     )
             except ValueError:
-                samples.damaged(number, line)
+                samples.count_damaged(number, line)
         return samples.log("rows", position={"up_m": 0.0})

@@ -126,7 +126,7 @@ class Samples:
         if self._values > MOST_VALUES:
             raise FieldLogError(f"{self.name}: the log has more than {MOST_VALUES:.3g} values; split the log")
 
-    def damaged(self, line: int, text: str) -> None:
+    def count_damaged(self, line: int, text: str) -> None:
         """Count an unreadable line. The number and the text of the first unreadable line are kept for messages."""
         self._first_damage = self._first_damage or f"line {line}, {shorten(ascii(text.strip()), 60)}"
         self._damaged += 1

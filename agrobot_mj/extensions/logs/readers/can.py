@@ -149,7 +149,7 @@ class CanText(LogReader):
                 t, identifier, data = float(found[1]) / dialect.per_second, int(found[2], 16), dialect.data(found[3])
             except ValueError:
                 if begun:
-                    samples.damaged(number, line)
+                    samples.count_damaged(number, line)
                 continue
             begun = True
             if identifier & ERROR_FRAME:

@@ -75,7 +75,7 @@ class _Sentences:
                 notes.append(f"all {count} {kind} sentences are omitted: {why}")
                 continue
             for _ in range(count):
-                self.samples.damaged(line, f"{why}: {text}")
+                self.samples.count_damaged(line, f"{why}: {text}")
         what = f"sentences with a time, a fix and values ({', '.join(KINDS)})"
         return self.samples.log(what, *notes, speed={"of": "antenna"})
 

@@ -44,7 +44,7 @@ class TimedLines(LogReader):
                     for found in found_in(text.encode()):
                         samples.add(t, found.kind, **KINDS[found.kind].quantities(found.fields))
             except (AttributeError, ValueError, IndexError, RecursionError):
-                samples.damaged(number, line)
+                samples.count_damaged(number, line)
         return samples.log(f"sentences ({', '.join(KINDS)}) or JSON objects with numbers", speed={"of": "antenna"})
 
 

@@ -90,10 +90,10 @@ class _Replayer:
         self.inputs = _inputs(recording, self.tick)
         self.full_speed = max(scenario.driveline.full_speed_m_s, 1.0 + 1.5 * float(np.abs(self.inputs.speed).max()))
         self.own_valve = scenario.steering.valve
-        self.plant: RunningPlant = build_plant(scenario.changed(self._imposed(scenario)), steps)
+        self.plant: RunningPlant = build_plant(scenario.changed(self._imposed_overrides(scenario)), steps)
         self.missing = 0.0
 
-    def _imposed(self, scenario: Scenario) -> dict[str, float]:
+    def _imposed_overrides(self, scenario: Scenario) -> dict[str, float]:
         """Return the scenario overrides for an ideal pedal and, if the recorded angle is replayed, an ideal valve."""
         pedal = {
             "driveline.pedal_dead_band_v": 0.0,

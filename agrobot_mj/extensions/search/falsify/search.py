@@ -46,7 +46,7 @@ class Varied(NamedTuple):
         return max(self.low, self.high, key=abs)
 
     @classmethod
-    def ranged(cls, key: str, mild: float, hard: float) -> "Varied":
+    def in_range(cls, key: str, mild: float, hard: float) -> "Varied":
         """Return a varied key with the range from `mild` to `hard`. Raises `ScenarioError` for invalid ends of the
         range."""
         if not (isfinite(mild) and isfinite(hard) and isfinite(hard - mild)) or mild == hard:
@@ -166,10 +166,10 @@ class FalsifySearch:
         failing = [tried for tried in self.tried if tried.fails]
         if not failing:
             return self._answer(NOT_FOUND, max(self.tried, key=lambda tried: tried.close), by_key, ())
-        sure = self._confirmed(sorted(failing, key=lambda tried: tried.distance))
+        sure = self._confirm(sorted(failing, key=lambda tried: tried.distance))
         if not sure.fails:
             return self._answer(NOT_FOUND, sure, by_key, ())
-        best = self._bisected(sure)
+        best = self._bisect(sure)
         around = self.drive(self._around(best), CONFIRMED, noted=False)
         return self._answer("falsified", best, by_key, tuple(around))
 
@@ -181,13 +181,13 @@ class FalsifySearch:
             task._replace(overrides={**each, "seed": self.scenario.seed + k}) for each in values for k in range(seeds)
         ]
         rows = iter(self.do(tasks))
-        found = [self._tried(each, [next(rows) for _ in range(seeds)]) for each in values]
+        found = [self._try_all(each, [next(rows) for _ in range(seeds)]) for each in values]
         self.tried += found if noted else []
         for each in found:
             self.done(each)
         return found
 
-    def _tried(self, values: dict[str, float], rows: Sequence[Row]) -> Combination:
+    def _try_all(self, values: dict[str, float], rows: Sequence[Row]) -> Combination:
         close = [float(row["rises"][-1][1]) if row.get("rises") else 0.0 for row in rows]
         place = tuple((values[each.key] - each.start) / each.unit for each in self.q.varied)
         return Combination(place, values, len(rows), sum(map(self.condition.fails, rows)), median(close))
@@ -225,7 +225,7 @@ class FalsifySearch:
             tol=1e-3,
         )
 
-    def _confirmed(self, failing: Sequence[Combination]) -> Combination:
+    def _confirm(self, failing: Sequence[Combination]) -> Combination:
         """Return the smallest combination that also fails with more seeds, or the last tested combination if none
         fails."""
         for tried in [*failing[:: max(len(failing) // MOST_CONFIRMED, 1)], failing[-1]]:
@@ -234,7 +234,7 @@ class FalsifySearch:
                 break
         return sure
 
-    def _bisected(self, best: Combination) -> Combination:
+    def _bisect(self, best: Combination) -> Combination:
         """Return the smallest failing combination on the line from the mild values to `best`, found by bisection."""
         low, high, mildest = 0.0, 1.0, best
         for _ in range(HALVINGS):

@@ -71,9 +71,9 @@ class Condition:
         Tracking errors of failed or incomplete runs are missing.
         """
         unexpected = not self.names_outcome and not is_success(numbers)
-        return numbers["outcome"] == ERROR or unexpected or self.met(without_errors(numbers))
+        return numbers["outcome"] == ERROR or unexpected or self.is_met(without_errors(numbers))
 
-    def met(self, numbers: Numbers) -> bool:
+    def is_met(self, numbers: Numbers) -> bool:
         """Return whether a run meets the condition, or lacks a metric of the condition."""
         try:
             return self._holds(numbers)

@@ -63,9 +63,9 @@ class Population:
         """Determine which of the requested runs must be simulated. A parent that exceeds the level only at its last
         tick is reused unchanged."""
         self._given = [parent if parent and parent.above(level) >= parent.ticks else None for parent, level in wanted]
-        self.due = [self._begun(*each) for each, known in zip(wanted, self._given, strict=True) if not known]
+        self.due = [self._begin_copy(*each) for each, known in zip(wanted, self._given, strict=True) if not known]
 
-    def _begun(self, parent: Run | None, level: float) -> tuple[int, tuple[Branch, ...]]:
+    def _begin_copy(self, parent: Run | None, level: float) -> tuple[int, tuple[Branch, ...]]:
         """Return the seed and the branches of a copy of `parent` up to `level`, or of a new run if `parent` is None."""
         if parent is None:
             return next(self._seeds), ()

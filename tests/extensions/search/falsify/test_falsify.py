@@ -43,7 +43,7 @@ def plant(error, noise=0.0, unlucky=0.0):
 
 
 def search(error, keys=(A, B), noise=0.0, unlucky=0.0, done=lambda tried: None, **more):
-    varied = tuple(Varied.ranged(key, *RANGES[key]) for key in keys)
+    varied = tuple(Varied.in_range(key, *RANGES[key]) for key in keys)
     question = FalsifyQuestion(varied, UNTIL, **{"seeds": 1, "budget": 120, **more})
     return FalsifySearch(SCENARIO, question, CONDITION, plant(error, noise, unlucky), done).run()
 
@@ -82,7 +82,7 @@ def test_smallest_failing_combination_of_three_keys_is_found(error, place):
 
 
 def test_legend_does_not_overlap_the_plotted_combinations():
-    found, varied = search(planted), tuple(Varied.ranged(key, *RANGES[key]) for key in (A, B))
+    found, varied = search(planted), tuple(Varied.in_range(key, *RANGES[key]) for key in (A, B))
     figure = command.figure(FalsifyQuestion(varied, UNTIL), found, [])
     assert all(axes.get_legend() is None for axes in figure.axes)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["holds", "fails", "answer"]
@@ -124,7 +124,7 @@ def test_failure_with_only_one_seed_is_not_reported_as_the_result():
 
 def test_distance_of_a_normal_parameter_is_in_standard_deviations():
     """Runs fail from a mass of 770 on, two standard deviations above the mean."""
-    varied = (Varied.spread(C, 700.0, 35.0), Varied.ranged(A, *RANGES[A]))
+    varied = (Varied.spread(C, 700.0, 35.0), Varied.in_range(A, *RANGES[A]))
     question = FalsifyQuestion(varied, UNTIL, budget=150, seeds=1)
     do = plant(lambda a, b, c: 0.3 + (c - 0.35))
     found = FalsifySearch(SCENARIO, question, CONDITION, do, lambda tried: None).run()
@@ -157,7 +157,7 @@ def test_equal_inputs_give_equal_search_results():
 )
 def test_invalid_falsification_settings_are_rejected(varied, said):
     with pytest.raises(ScenarioError, match=said):
-        FalsifyQuestion(tuple(Varied.ranged(*each) for each in varied), UNTIL).check(SCENARIO)
+        FalsifyQuestion(tuple(Varied.in_range(*each) for each in varied), UNTIL).check(SCENARIO)
 
 
 WORDS = (
