@@ -1,4 +1,4 @@
-"""Writing rules of CONTRIBUTING.md that can be checked: banned constructions, and the length of test names."""
+"""Writing rules of CONTRIBUTING.md that can be checked: banned constructions, and names of functions and tests."""
 
 import ast
 import re
@@ -17,6 +17,10 @@ BANNED = {
 }
 """Constructions that docstrings of the package and the scripts must not contain, each with advice."""
 LONGEST_NAME = 70  # Maximum number of characters of a test name
+PARTICIPLE = r"^def (_?(?!embed\b|need\b|speed\b)[a-z]+ed)\("
+"""Functions of a module whose name is a bare participle."""
+CONVENTIONAL = {"agrobot_mj/core/kernels.py", "agrobot_mj/extensions/bench/rig/figures.py"}
+"""Modules whose functions may have such names: markers of kernels, and functions that give figures their file names."""
 
 
 def statements(node):
@@ -49,6 +53,15 @@ def test_docstrings_contain_no_banned_construction():
         for file in sorted((ROOT / folder).rglob("*.py"))
         for line, text in docstrings(parsed(file))
         if (advice := found_in(text))
+    ] == []
+
+
+def test_functions_are_not_named_by_a_bare_participle():
+    assert [
+        f"{file.relative_to(ROOT)}: {name}"
+        for file in sorted((ROOT / "agrobot_mj").rglob("*.py"))
+        if file.relative_to(ROOT).as_posix() not in CONVENTIONAL
+        for name in re.findall(PARTICIPLE, file.read_text(encoding="utf-8"), re.M)
     ] == []
 
 

@@ -7,7 +7,7 @@ import shapely
 from shapely import LineString, Polygon
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.paths.imports.cleaning import CLOSEST_M, distinct, outliers, spaced
+from agrobot_mj.paths.imports.cleaning import CLOSEST_M, distinct, outliers, space_out
 from agrobot_mj.paths.track import Index
 
 LEAST_M2 = 10.0  # Minimum area of a field [m2]. Assumed value: smaller than a machine.
@@ -117,7 +117,7 @@ def _crossing(polygon: Polygon, numbers: Index | None, what: str) -> str:
 def _simplify(points: Array, what: str, notes: list[str]) -> Array:
     """Return a simplified polygon ring, usually with fewer than `MOST_POINTS` points. Append a note to `notes`."""
     apart = max(WITHIN_M, 4 * float(np.hypot(*np.ptp(points, axis=0))) / MOST_POINTS)
-    near = points[spaced(points, apart, closed=True)]
+    near = points[space_out(points, apart, closed=True)]
     found = shapely.get_coordinates(LineString(near).simplify(WITHIN_M, preserve_topology=False))
     notes.append(f"the {what} is simplified within {apart:.2g} m, from {len(points)} to {len(found)} points")
     return found if len(found) > 2 else points[:3]

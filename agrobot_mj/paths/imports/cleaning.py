@@ -31,7 +31,7 @@ def clean(points: Array, closed: bool = False) -> tuple[Index, list[str]]:
         notes.append(f"{repeated} repeated {'point is' if repeated == 1 else 'points are'} omitted")
     if turns := len(_turning_back(points[kept])):
         for distance in THINNINGS_M:
-            thin = kept[spaced(points[kept], distance, closed)]
+            thin = kept[space_out(points[kept], distance, closed)]
             if not len(_turning_back(points[thin])):
                 notes.append(
                     f"the track is reduced from {len(kept)} to {len(thin)} points, {distance:g} m apart, because it "
@@ -67,10 +67,10 @@ def distinct(points: Array) -> Index:
     steps = np.hypot(*np.diff(points, axis=0).T)
     if (steps >= CLOSEST_M).all():
         return np.arange(len(points))
-    return spaced(points, CLOSEST_M, False)
+    return space_out(points, CLOSEST_M, False)
 
 
-def spaced(points: Array, distance: float, closed: bool) -> Index:
+def space_out(points: Array, distance: float, closed: bool) -> Index:
     """Return the indices of the points at a distance of at least `distance` [m] from the previously kept point.
 
     For an open track and a `distance` above CLOSEST_M, the last point of the track replaces the last kept point.
