@@ -10,4 +10,4 @@ from agrobot_mj.studies.sweep.store import Store
 def row_file(folder, number):
     """Return the file that contains the row of run `number` in the folder of a sweep."""
     store = Store(Path(folder), SweepPlan(read_sweep(Path(folder, "sweep.toml"))))
-    return store.row_file(store.asked(store.plan.task(number)))
+    return store.row_file(store.with_identity(store.plan.task(number)))

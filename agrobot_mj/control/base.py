@@ -60,7 +60,7 @@ class Route(Protocol):
         at time `t` [s]."""
         ...
 
-    def passed(self, t: float) -> float:
+    def distance_at(self, t: float) -> float:
         """Return the arc length [m] of the reference at time `t` [s], accurate to a few centimetres."""
         ...
 

@@ -95,8 +95,8 @@ class Following(GuidanceLaw):
         route: Any = situation.route
         t, law, memory = situation.t, state.law, state.memory
         if law is None:
-            law, memory = self._law(situation.machine), self.begun(memory, situation.machine)
-        near, (low, high) = route.passed(t) if state.s is None else state.s, route.leg(t)
+            law, memory = self._law(situation.machine), self.begin(memory, situation.machine)
+        near, (low, high) = route.distance_at(t) if state.s is None else state.s, route.leg(t)
         seen = Situated(held(situation.estimate), situation.steer, low, high, near)
         last, r = (state.direction, nan if state.speed is None else state.speed), situation.reference
         while type(law) is not FollowingLaw and hasattr(route, "around"):
@@ -141,7 +141,7 @@ class Following(GuidanceLaw):
         """
         return situation.machine.cg_to_rear_axle, situation.machine.wheelbase_m
 
-    def begun(self, memory: Any, machine: TractorParameters) -> Any:
+    def begin(self, memory: Any, machine: TractorParameters) -> Any:
         """Return the initial state `memory`, completed with values that depend on the tractor."""
         return memory
 

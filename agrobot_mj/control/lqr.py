@@ -211,11 +211,11 @@ class Lqr(Integrating):
     ) -> tuple[LqrState, float]:
         """Return the new state and the steering angle [rad], the sum of feed-forward, feedback and integral term."""
         if not memory.table.size:
-            memory = self.begun(memory, situation.machine)
+            memory = self.begin(memory, situation.machine)
         e = situation.estimate
         return _steering(self._limits, memory, deviation, e.speed, e.aligned, situation.steer, dt)
 
-    def begun(self, memory: LqrState, machine: TractorParameters) -> LqrState:
+    def begin(self, memory: LqrState, machine: TractorParameters) -> LqrState:
         """Return the initial state `memory` with the table of feedback gains for a tractor."""
         return memory._replace(table=_table(self, machine))
 

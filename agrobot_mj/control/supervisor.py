@@ -134,7 +134,7 @@ class Supervisor(SupervisorLimits):
             SupervisorState(mode, watched, shown, over_s, pedal, steer, *rest), situation, measured, command, dt
         )
 
-    def stopped(self, state: SupervisorState) -> bool:
+    def is_stopped(self, state: SupervisorState) -> bool:
         """Return whether a controlled stop is complete: the time `still_s` of the state exceeds `settle_s`."""
         return state.mode is Mode.STOPPING and state.still_s > self.settle_s
 

@@ -238,12 +238,12 @@ class TractorParameters(Spec):
         code, k, c = (getattr(self, f"{axle}_{key}") for key in ("tyre", "tyre_stiffness_n_m", "tyre_damping_n_s_m"))
         size = None if code is None else tyre_size(code)
         if k is None:
-            k = self._fitted(axle).stiffness(self.tyre_pressure(axle, load))
+            k = self._fit(axle).stiffness(self.tyre_pressure(axle, load))
         if c is None:
             c = 2 * DAMPING_RATIO * sqrt(k * load / GRAVITY)
         return AxleWheel(axle, radius, width, mass, load, k, c, size)
 
-    def _fitted(self, axle: str) -> TyreSize:
+    def _fit(self, axle: str) -> TyreSize:
         """Return the tyre size of an axle from its size code or, without a code, from the dimensions of the wheel."""
         code, radius, width = (getattr(self, f"{axle}_{key}") for key in ("tyre", "wheel_radius_m", "wheel_width_m"))
         return nominal_size(radius, width) if code is None else tyre_size(code)
@@ -254,7 +254,7 @@ class TractorParameters(Spec):
         `axle` is "front" or "rear".
         """
         bar: float | None = getattr(self, f"{axle}_tyre_pressure_bar")
-        return self._fitted(axle).pressure(load) if bar is None else bar
+        return self._fit(axle).pressure(load) if bar is None else bar
 
     @property
     def antenna(self) -> tuple[float, float, float]:

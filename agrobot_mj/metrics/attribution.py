@@ -90,7 +90,7 @@ class Consistency(Metric):
 
 
 def _level_sideslip(view: RunView) -> dict[str, float | None]:
-    if (sideslip := view.reported("sideslip_hat")) is None:
+    if (sideslip := view.reported_samples("sideslip_hat")) is None:
         return {}
     speed = view.column("speed")
     sideways = speed * view.column("yaw_rate") + GRAVITY * np.sin(view.column("roll"))
@@ -99,7 +99,7 @@ def _level_sideslip(view: RunView) -> dict[str, float | None]:
 
 
 def _antenna_mounting(view: RunView) -> dict[str, float | None]:
-    if (mounting := view.reported("mounting_hat")) is None:
+    if (mounting := view.reported_samples("mounting_hat")) is None:
         return {}
     known = mounting[np.isfinite(mounting)]
     return {"antenna_mounting": float(known[-1]) if len(known) else None}

@@ -62,7 +62,7 @@ class RunView:
         """Return the samples of the signal `name`, shape (ticks,), with NaN for missing samples."""
         return self.log.column(name)
 
-    def reported(self, name: str) -> Array | None:
+    def reported_samples(self, name: str) -> Array | None:
         """Return the samples of the signal `name`, shape (ticks,), or None if the log does not contain the signal."""
         try:
             return self.column(name)

@@ -57,7 +57,7 @@ def track(path: Path, t: Array, x: Array, y: Array, route: SampledRoute | None =
     places = np.column_stack((t, x, y))[known]
     near, row, place, seen, wanted = np.empty((len(places), 6)), 0, 0.0, -inf, 0.0
     while row < len(places):
-        samples, legs, end = route.sampled(float(places[-1, 0]), wanted + WINDOW_M)
+        samples, legs, end = route.sample_until(float(places[-1, 0]), wanted + WINDOW_M)
         row, place, seen, wanted = _track(places, near, row, place, seen, samples, legs, end)
     found[known] = near
     return BesidePath(found[:, 0], found[:, 1], found[:, 2:])

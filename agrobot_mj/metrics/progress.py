@@ -62,7 +62,7 @@ def progress_of(route: SampledRoute, duration: float | None, columns: Sequence[A
     for t, x, y in _places(columns):
         walk.go(t, x, y)
     granted = 0.0 if walk.is_stuck(planned) else LATE_S
-    return PathProgress(walk.driven, walk.passed(planned), walk.passed(planned - granted))
+    return PathProgress(walk.driven, walk.distance_at(planned), walk.distance_at(planned - granted))
 
 
 def commanded_progress(t: Array, asked: Array, speed: Array) -> PathProgress:
@@ -91,7 +91,7 @@ class _Walk:
         before = self.route.distances[self.place]
         k, apart = self._nearest(t, x, y, before)
         if apart > ASTRAY_M:
-            other, beside = self._nearest(t, x, y, self.passed(t))
+            other, beside = self._nearest(t, x, y, self.distance_at(t))
             k, apart = (other, beside) if beside < apart else (k, apart)
         within = apart <= CORRIDOR_M
         if within and self.within and k > self.place and self.route.distances[k] - before <= LEAP_M:
@@ -108,7 +108,7 @@ class _Walk:
         sample = self.route.sample(k)
         return k, hypot(x - sample.x, y - sample.y)
 
-    def passed(self, t: float) -> float:
+    def distance_at(self, t: float) -> float:
         """Return the path length [m] covered by the reference at the time `t` [s], at most the evaluated length."""
         k = min(self.route.number_at(t), self.last)
         return float(self.route.distances[k])
@@ -116,7 +116,7 @@ class _Walk:
     def is_stuck(self, end: float) -> bool:
         """Return whether the tractor made no more progress, while the reference continued until `end` [s]."""
         waited = self.t - self.driven_t
-        return waited > LATE_S and self.passed(end) - self.passed(self.driven_t) > 2 * STEP_M
+        return waited > LATE_S and self.distance_at(end) - self.distance_at(self.driven_t) > 2 * STEP_M
 
     @property
     def driven(self) -> float:

@@ -37,7 +37,7 @@ class Safety(Metric):
     def evaluate(self, view: RunView) -> dict[str, Any]:
         """Return the metrics of the time after the first fault, or an empty dict without a fault or a supervisor."""
         faulty = np.flatnonzero(view.column("faults_active") > 0)
-        state = view.reported("supervisor_state")
+        state = view.reported_samples("supervisor_state")
         if state is None or not faulty.size:
             return {}
         first, stops = int(faulty[0]), np.flatnonzero(state == Mode.STOPPING)

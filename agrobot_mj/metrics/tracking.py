@@ -132,7 +132,7 @@ class ImplementErrors(Metric):
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
         """Return the metrics of the implement, or an empty dict for a tractor without an implement."""
-        if view.reported("implement_x") is None:
+        if view.reported_samples("implement_x") is None:
             return {}
         offset = view.beside_path("implement_x", "implement_y").offset
         return {

@@ -92,7 +92,7 @@ class SampledRoute:
             self._grow(beyond=near + WINDOW_M)
         return self._samples
 
-    def sampled(self, t: float, s: float) -> tuple[Matrix, Matrix, float]:
+    def sample_until(self, t: float, s: float) -> tuple[Matrix, Matrix, float]:
         """Sample the path up to time `t` [s] and arc length `s` [m], and return the samples, the legs and the sampled
         length.
 
@@ -120,7 +120,7 @@ class SampledRoute:
         self._grow(until=t)
         return max(int(np.searchsorted(self._samples[:, T], t, "right")) - 1, 0)
 
-    def passed(self, t: float) -> float:
+    def distance_at(self, t: float) -> float:
         """Return the arc length [m] of the last sample that the reference has passed at time `t` [s]."""
         k = self.number_at(t)
         return float(self.distances[k])

@@ -232,7 +232,7 @@ class Waypoints(Transitions, FromFile):
             points = np.vstack([points, points[:1]])
         return points
 
-    def rounded(self, points: Array) -> Course:
+    def round_corners(self, points: Array) -> Course:
         """Return the geometry of one lap through `points`, shape (n, 2 or 3), with straight legs and fillets."""
         rounding = Rounding(
             self.corner_radius_m, self.smoothing_m, self.speed_m_s, self.lateral_acceleration_m_s2, self
@@ -244,7 +244,7 @@ class Waypoints(Transitions, FromFile):
 def _lap(path: Waypoints) -> tuple[Course, tuple[str, ...]]:
     points, reason = path.waypoints(), ""
     try:
-        lap = path.rounded(points) if path.corners == "fillet" else smooth(points, path.smoothing_m, path.closed)
+        lap = path.round_corners(points) if path.corners == "fillet" else smooth(points, path.smoothing_m, path.closed)
     except ValueError as error:
         reason = str(error)
     if reason.startswith("smoothing_m"):

@@ -106,7 +106,7 @@ def look_form(rig: Held[Any], t: float) -> tuple[Held[Truth], TractorMotion]:
 
 
 def report_form(rig: Held[Any]) -> Report:
-    """Define the signature of `reported` for compiled calls. The function itself is never called."""
+    """Define the signature of compiled functions that return log values. The function itself is never called."""
     raise NotImplementedError
 
 
@@ -130,8 +130,8 @@ REST = NEUTRAL_V, NEUTRAL_V  # Voltages of both valves in neutral [V]
 class RunningPlant(ABC):
     """Plant (simulated tractor) in a run.
 
-    The compiled functions `steps`, `look` and `reported` of a subclass have the signatures `steps_form`, `look_form`
-    and `report_form`. They use the parameters and the state in `rig`.
+    The compiled functions of a subclass have the signatures `steps_form`, `look_form` and, with an implement,
+    `report_form`. They use the parameters and the state in `rig`.
     """
 
     scene: Scene
@@ -147,7 +147,7 @@ class RunningPlant(ABC):
     braking: float  # Applied fraction of the brake torque [-]
 
     def _compile(self, shown: tuple[AnyArray, Any, Any], *functions: Any) -> None:
-        """Compile `steps`, `look` and, for an implement, `reported`. `shown` contains the arrays in `PlantCode`."""
+        """Compile the functions of the plant, in the order of their forms. `shown` contains arrays of `PlantCode`."""
         self._shown, self._functions, self._places = shown, functions, list[int]()
         self._run, self._observe = bound(functions[0], self.rig, REST, 0, False), bound(functions[1], self.rig, 0.0)
         self._reported = bound(functions[2], self.rig) if functions[2:] else None
@@ -159,9 +159,9 @@ class RunningPlant(ABC):
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
         """Simulate one tick at constant valve voltages and conditions; return the true state at the end of the tick."""
-        return fetched(self.advanced(drive, conditions))
+        return fetched(self.advance_held(drive, conditions))
 
-    def advanced(self, drive: Drive, conditions: Conditions = NOMINAL) -> Held[Truth]:
+    def advance_held(self, drive: Drive, conditions: Conditions = NOMINAL) -> Held[Truth]:
         """Simulate one tick as in `advance`; return a `Held` reference to the true state, which saves time."""
         if conditions != self.conditions:
             self._apply_conditions(conditions)

@@ -195,7 +195,7 @@ class Stage(Generic[Message]):
             if isinstance(pending, BaseException):
                 raise pending
             return pending
-        found = self._found(arguments)
+        found = self._find(arguments)
         if self.method == "update_held":  # by a compiled estimator
             if _is_finite(found[1]):
                 return cast(tuple[Any, Message], found)
@@ -206,11 +206,11 @@ class Stage(Generic[Message]):
 
     def ask(self, *arguments: Any) -> Message:
         """Call a simulation stage that has no state. Return the checked message."""
-        message = check_type(self._found(arguments), self.message, *self.names, self.method)
+        message = check_type(self._find(arguments), self.message, *self.names, self.method)
         self.numbers.check(message, self.maker)
         return self.passed(message)
 
-    def _found(self, arguments: tuple[Any, ...]) -> Any:
+    def _find(self, arguments: tuple[Any, ...]) -> Any:
         try:
             return getattr(self.part, self.method)(*arguments)
         except ARITHMETIC as error:
@@ -255,9 +255,9 @@ class Reception(NamedTuple):
             STATE.check(fetched(truth), f"the plant ({s.plant.kind})")
         if conditions is not NOMINAL:
             CONDITIONS.check(conditions, f"a fault ({', '.join(fault.kind for fault in s.fault)})")
-        return self.checked(s, *suite.measure(self.sensors, truth, conditions), truth)
+        return self.check_measurement(s, *suite.measure(self.sensors, truth, conditions), truth)
 
-    def checked(
+    def check_measurement(
         self, s: Scenario, sensors: SensorState, measured: Measurement, truth: Held[Truth]
     ) -> "tuple[Reception, Measurement]":
         """Return the new state and the checked measurement, as in `after`, for sensors that have already been read."""

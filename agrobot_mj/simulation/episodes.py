@@ -504,7 +504,7 @@ class Episodes:
         times: Any = (loop.plant.ticks + np.arange(most + 1)) * TICK_S
         t, ahead = float(times[0]), 0.0 if isnan(near) else near + AHEAD_M
         ahead += 2.0 * path.speed_m_s * most * TICK_S
-        samples, legs, sampled = loop.route.sampled(float(times[-1]), ahead)
+        samples, legs, sampled = loop.route.sample_until(float(times[-1]), ahead)
         leg = int(np.searchsorted(legs[:, 0], t, "right")) - 1
         low, (until, high) = float(legs[leg, 1]), legs[leg + 1] if leg + 1 < len(legs) else (inf, inf)
         begins = min((fault.start_s for fault in loop.scenario.fault if fault.last_s > t), default=inf)

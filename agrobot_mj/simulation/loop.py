@@ -173,7 +173,7 @@ class Loop:
     def receive(self, sensors: SensorState, measured: Measurement) -> None:
         """Continue a tick whose sensors have been read: check the measurement and update the estimate."""
         state = self.stages
-        state.sensors, measured = state.sensors.checked(self.scenario, sensors, measured, self.seen)
+        state.sensors, measured = state.sensors.check_measurement(self.scenario, sensors, measured, self.seen)
         self.sensed, self.has_sensed = self._estimate(measured), True
 
     def _estimate(self, measured: Measurement) -> tuple[Measurement, Situation]:
@@ -233,11 +233,11 @@ class Loop:
         next tick."""
         state, self.has_sensed = self.stages, False
         if not self.script.faults:
-            state.wiring, self.seen = drive, self.plant.advanced(drive, state.conditions)
+            state.wiring, self.seen = drive, self.plant.advance_held(drive, state.conditions)
             return
         lines = state.wiring if isinstance(state.wiring, Wiring) else Wiring.after(state.wiring)
         state.wiring, arrived = lines.transmit(drive, state.conditions, TICK_S)
-        self.seen = self.plant.advanced(arrived, state.conditions)
+        self.seen = self.plant.advance_held(arrived, state.conditions)
         state.faults, state.conditions = self.script.update(state.faults, self.truth.t, TICK_S)
 
     @property
@@ -249,7 +249,7 @@ class Loop:
     def stop_reason(self) -> str:
         """Reason for the stop by the supervisor, or an empty string if there is no stop."""
         state = self.stages.supervisor
-        return state.reason if self.supervisor.stopped(state) else ""
+        return state.reason if self.supervisor.is_stopped(state) else ""
 
     @property
     def columns(self) -> tuple[Column, ...]:

@@ -238,7 +238,7 @@ class Simulation:
         """Return the last measurement, or `NOTHING` if the run ended before the first measurement."""
         return NOTHING if self.done and self.loop.sensed is None else self._now()[0]
 
-    def _seen(self) -> tuple[Measurement, Situation]:
+    def _observe(self) -> tuple[Measurement, Situation]:
         """Return the measurement and guidance inputs, as `_now` does, with exclusive access while sensors are read."""
         if self.done or self.loop.has_sensed:
             return self._now()
@@ -315,12 +315,12 @@ class Simulation:
     @property
     def measurement(self) -> Measurement:
         """Last measurement of all sensors."""
-        return self._last() if self.done else self._seen()[0]
+        return self._last() if self.done else self._observe()[0]
 
     @property
     def situation(self) -> Situation:
         """Inputs of the guidance law at the current time."""
-        return self._seen()[1].fetched()
+        return self._observe()[1].fetched()
 
     @property
     def truth(self) -> Truth:

@@ -125,7 +125,7 @@ def injected(chance: random.Random) -> str:
     s, calls = load_scenario("figure_eight", {"duration_s": 1.0, "plant.kind": kind}), [0]
     stage, owner, method = chance.choice(
         [
-            ("plant", BicyclePlant if kind == "bicycle" else MujocoPlant, "advanced"),
+            ("plant", BicyclePlant if kind == "bicycle" else MujocoPlant, "advance_held"),
             ("sensors", Suite, "measure"),
             ("estimator", type(s.estimator), "update"),
             ("guidance", type(s.guidance.using(s.controller)), "update"),

@@ -63,7 +63,7 @@ def test_exceeded_limit_stops_the_tractor_with_the_limit_as_reason(bad, fix, wor
     pedals = [c.pedal for c in commands if c.pedal is not None]
     assert (np.abs(np.diff(pedals)) <= supervisor.stopping_pedal_rate_per_s * TICK + 1e-12).all()
     assert pedals[-1] == 0.0
-    assert supervisor.stopped(state)
+    assert supervisor.is_stopped(state)
 
 
 def supervised(ticks, frozen=10**9, claimed=Quality.FIX, **readings):

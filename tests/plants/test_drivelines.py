@@ -39,7 +39,7 @@ def test_disengaged_front_drive_does_not_widen_the_turn():
     rigid, _ = turned(Driveline(front_wheel_drive=True), 35.0)
     free, plant = turned(Driveline(front_wheel_drive=True, front_release_deg=25.0), 35.0)
     none, _ = turned(Driveline(), 35.0)
-    assert not plant.clutches.engaged(FRONT)
+    assert not plant.clutches.is_engaged(FRONT)
     assert free == pytest.approx(none, rel=0.005)
     assert rigid > 1.1 * none
 
@@ -49,9 +49,9 @@ def test_reengaged_front_drive_causes_no_jump_of_the_yaw_rate():
     plant = plant_of(driveline)
     driver = Driver(plant, plant.truth(), 0.8, driveline.full_speed_m_s)
     driver.go(8.0, radians(35.0))
-    assert not plant.clutches.engaged(FRONT)
+    assert not plant.clutches.is_engaged(FRONT)
     yaw_rates = np.diff([truth.yaw_rate for truth in driver.go(6.0, 0.0).truths])
-    assert plant.clutches.engaged(FRONT)
+    assert plant.clutches.is_engaged(FRONT)
     assert np.abs(yaw_rates).max() < 0.05
     fronts = plant.data.qvel[plant.views.fronts_v].mean()
     wanted = 1.02 * plant.data.qvel[plant.views.spins_v].mean() * 0.42 / 0.28
@@ -63,14 +63,14 @@ def test_differential_lock_is_released_in_turns_and_engaged_on_straights():
     plant = plant_of(driveline)
     driver = Driver(plant, plant.truth(), 0.8, driveline.full_speed_m_s)
     driver.go(3.0)
-    assert plant.clutches.engaged(LOCK)
+    assert plant.clutches.is_engaged(LOCK)
     driver.go(6.0, radians(20.0))
     left, right = plant.data.qvel[plant.views.spins_v]
-    assert not plant.clutches.engaged(LOCK)
+    assert not plant.clutches.is_engaged(LOCK)
     assert right > 1.1 * left
     driver.go(6.0, 0.0)
     left, right = plant.data.qvel[plant.views.spins_v]
-    assert plant.clutches.engaged(LOCK)
+    assert plant.clutches.is_engaged(LOCK)
     assert left == pytest.approx(right, rel=1e-3)
 
 
@@ -79,12 +79,12 @@ def test_front_drive_engages_above_the_configured_rear_wheel_slip():
     free = plant_of(automatic, Soil())
     driver = Driver(free, free.truth(), 0.8, automatic.full_speed_m_s)
     driver.go(6.0)
-    assert not free.clutches.engaged(FRONT)
+    assert not free.clutches.is_engaged(FRONT)
     conditions = NOMINAL._replace(drawbar=2200.0)
     engaged = []
     for _ in range(200):
         free.advance(Drive(NEUTRAL_V, NEUTRAL_V + 0.5), conditions)
-        engaged.append(free.clutches.engaged(FRONT))
+        engaged.append(free.clutches.is_engaged(FRONT))
     assert any(engaged)
     assert free.wheels().reshape(-1, 4)[FORCE_X][:2].sum() > 0.0
 

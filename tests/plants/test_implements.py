@@ -222,7 +222,7 @@ def test_compiled_kernels_with_an_implement_do_not_leak_arrays(implement):
     try:
         before = rtsys.get_allocation_stats()
         for _ in range(20):
-            plant.advanced(Drive(7.0, 8.0))
+            plant.advance_held(Drive(7.0, 8.0))
         after = rtsys.get_allocation_stats()
         assert after.alloc - before.alloc == after.free - before.free > 0
     finally:

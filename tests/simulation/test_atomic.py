@@ -131,7 +131,7 @@ def test_simulations_in_forked_processes_continue_independently(ticks):
 
 def test_step_from_a_second_thread_is_rejected(monkeypatch):
     sim, entered, leave = begun("mujoco"), threading.Event(), threading.Event()
-    advance = MujocoPlant.advanced
+    advance = MujocoPlant.advance_held
 
     def slow(*arguments):
         entered.set()
@@ -139,7 +139,7 @@ def test_step_from_a_second_thread_is_rejected(monkeypatch):
         return advance(*arguments)
 
     with monkeypatch.context() as patched:
-        patched.setattr(MujocoPlant, "advanced", slow)
+        patched.setattr(MujocoPlant, "advance_held", slow)
         thread = threading.Thread(target=sim.step)
         thread.start()
         assert entered.wait(60.0)
@@ -177,7 +177,7 @@ def test_step_after_an_incomplete_step_is_rejected(monkeypatch):
         raise MemoryError
 
     with monkeypatch.context() as patched:
-        patched.setattr(sim.loop.plant, "advanced", failing)
+        patched.setattr(sim.loop.plant, "advance_held", failing)
         with pytest.raises(MemoryError):
             sim.step()
     for call in (sim.step, sim.save, lambda: copy.deepcopy(sim)):
@@ -211,7 +211,7 @@ def test_mujoco_error_raises_an_exception_and_keeps_the_process_alive(in_a_threa
 @pytest.mark.usefixtures("interruptible")
 def test_step_interrupted_while_the_plant_advances_is_completed(monkeypatch):
     """Interrupts occur in every third step while the plant advances in compiled code."""
-    sim, advance, count = begun("mujoco", 0), MujocoPlant.advanced, [0]
+    sim, advance, count = begun("mujoco", 0), MujocoPlant.advance_held, [0]
 
     def hit(*arguments):
         count[0] += 1
@@ -221,7 +221,7 @@ def test_step_interrupted_while_the_plant_advances_is_completed(monkeypatch):
 
     raised = 0
     with monkeypatch.context() as patched:
-        patched.setattr(MujocoPlant, "advanced", hit)
+        patched.setattr(MujocoPlant, "advance_held", hit)
         while not sim.done:
             try:
                 sim.step()
@@ -249,7 +249,7 @@ class Observer:
 @pytest.mark.usefixtures("single_ticks")
 @pytest.mark.usefixtures("interruptible")
 def test_interrupts_end_a_run_only_between_ticks(monkeypatch):
-    scenario, advance, ticks = load_scenario("hills", SHORT), MujocoPlant.advanced, []
+    scenario, advance, ticks = load_scenario("hills", SHORT), MujocoPlant.advance_held, []
 
     def hit(*arguments):
         ticks.append(len(ticks))
@@ -258,7 +258,7 @@ def test_interrupts_end_a_run_only_between_ticks(monkeypatch):
         return advance(*arguments)
 
     seen = Observer()
-    monkeypatch.setattr(MujocoPlant, "advanced", hit)
+    monkeypatch.setattr(MujocoPlant, "advance_held", hit)
     with pytest.raises(KeyboardInterrupt):
         run(scenario, (seen,))
     assert len(ticks) == seen.rows.filled == 7

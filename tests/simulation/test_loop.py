@@ -123,14 +123,14 @@ def test_run_far_from_its_reference_ends_as_diverged():
 def test_diverging_physics_ends_the_run_before_the_sensors_are_evaluated(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     scenario = short(seconds=2.0)
-    advance, calls = MujocoPlant.advanced, iter(range(1000))
+    advance, calls = MujocoPlant.advance_held, iter(range(1000))
 
     def exploding(plant, drive, conditions=NOMINAL):
         if next(calls) == 20:
             plant.data.qvel[0] = np.nan
         return advance(plant, drive, conditions)
 
-    monkeypatch.setattr(MujocoPlant, "advanced", exploding)
+    monkeypatch.setattr(MujocoPlant, "advance_held", exploding)
     log = run(scenario)
     assert log.outcome == "diverged"
     assert log.column("t")[-1] == pytest.approx(1.0)

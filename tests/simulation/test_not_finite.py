@@ -74,9 +74,9 @@ def without(field, state):
 
 
 STAGES = [
-    (BicyclePlant, "advanced", moved(antenna=(nan, 0.0, 2.0)), "truth.antenna is nan", "bicycle"),
-    (BicyclePlant, "advanced", moved(yaw=inf), "truth.yaw is inf", "bicycle"),
-    (BicyclePlant, "advanced", moved(steer_samples=np.full(25, nan)), "truth.steer_samples is nan", "bicycle"),
+    (BicyclePlant, "advance_held", moved(antenna=(nan, 0.0, 2.0)), "truth.antenna is nan", "bicycle"),
+    (BicyclePlant, "advance_held", moved(yaw=inf), "truth.yaw is inf", "bicycle"),
+    (BicyclePlant, "advance_held", moved(steer_samples=np.full(25, nan)), "truth.steer_samples is nan", "bicycle"),
     (Ekf, "update", second(yaw=nan), "estimate.yaw is nan", "ekf"),
     (Ekf, "update", second(yaw_rate=-inf), "estimate.yaw_rate is -inf", "ekf"),
     (Ekf, "update", second(sideslip=nan), "estimate.sideslip is nan", "ekf"),
@@ -249,14 +249,14 @@ def test_run_that_diverges_while_settling_has_one_log_row_without_values(monkeyp
 
 def test_diverging_plant_ends_the_run_as_diverged(monkeypatch):
     scenario = load_scenario("figure_eight", SHORT)
-    whole = BicyclePlant.advanced
+    whole = BicyclePlant.advance_held
 
     def advanced(plant, drive: Drive, conditions):
         if plant.ticks == 5:
             plant.state[0] = nan
         return whole(plant, drive, conditions)
 
-    monkeypatch.setattr(BicyclePlant, "advanced", advanced)
+    monkeypatch.setattr(BicyclePlant, "advance_held", advanced)
     assert "(bicycle) is not finite" in run(scenario).metrics["stop_reason"]
 
 

@@ -263,7 +263,7 @@ def test_sweep_run_is_repeated_after_editing_a_plugin(tmp_path, edited):
 def test_run_identity_depends_on_the_order_of_overrides(tmp_path):
     table, key = ("path", {"kind": "circle", "radius_m": 5.0}), ("path.radius_m", 7.0)
     tasks = [Task("{}", "circle", dict(each)) for each in ((table, key), (key, table))]
-    assert len({resume.RowFiles(tmp_path).asked(task).identity for task in tasks}) == 2
+    assert len({resume.RowFiles(tmp_path).with_identity(task).identity for task in tasks}) == 2
 
 
 def test_worker_with_a_different_code_version_rejects_the_task(monkeypatch, tmp_path):

@@ -169,13 +169,13 @@ class AdaptiveLoop(AngleLoop):
         piece = state.piece
         if piece.side and (inside or (side, beyond) != piece[:2] or piece.time >= LONGEST_S - 0.5 * dt):
             if piece.time >= SHORTEST_S - 0.5 * dt and self.learn:
-                state = self._fitted(state, piece)
+                state = self._fit(state, piece)
             piece = Stretch()
         if not inside:
             piece = Stretch(side, beyond, piece.time + dt, piece.volts + dt * abs(v), piece.turned + side * turned)
         return state._replace(piece=piece)
 
-    def _fitted(self, state: AdaptiveState, piece: Stretch) -> AdaptiveState:
+    def _fit(self, state: AdaptiveState, piece: Stretch) -> AdaptiveState:
         """Return the state after learning the parameters of one valve side from the time segment `piece`, by the
         equation rate = gain v - offset with the mean spool voltage v of the segment."""
         number, first = (0 if piece.side > 0 else 1), self._first()

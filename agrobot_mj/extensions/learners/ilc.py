@@ -70,10 +70,10 @@ class Ilc(AngleLearner, PlaceLearner):
         """Return the new state and the command of the feedback law plus the learned angle of the lap map. The
         correction at this location is stored for the next lap."""
         e, route = situation.estimate, situation.route
-        near = route.passed(situation.t) if state.s is None else state.s
+        near = route.distance_at(situation.t) if state.s is None else state.s
         place = route.nearest(e.x, e.y, near, situation.t)
         if state.s is None:
-            lap, length = self.begun(route, place.s)
+            lap, length = self.begin(route, place.s)
             state = state._replace(lap=lap, length=length)
         ahead = self.map.value(state.lap, place.s, state.length)
         answered = self.map.value(state.lap, place.s - e.speed * self.answer_s, state.length)

@@ -42,7 +42,7 @@ class Moved(NamedTuple):
     def at(self, t: float) -> Reference:
         """Return the reference (pose, velocity and curvature) on the shifted line at time `t` [s]."""
         r = self.route.at(t)
-        y, slope, bend = self._shape(self.route.passed(t))
+        y, slope, bend = self._shape(self.route.distance_at(t))
         dx, dy = from_heading(r.yaw, 0.0, y)
         direction = -1.0 if cos(r.yaw) * r.vx + sin(r.yaw) * r.vy < 0.0 else 1.0
         yaw = wrap(r.yaw + direction * atan(slope))
@@ -72,9 +72,9 @@ class Moved(NamedTuple):
         travels at time `t` [s]."""
         return self.route.leg(t)
 
-    def passed(self, t: float) -> float:
+    def distance_at(self, t: float) -> float:
         """Return the arc length that the reference has travelled on the original path at time `t` [m]."""
-        return self.route.passed(t)
+        return self.route.distance_at(t)
 
     def lap(self) -> float:
         """Return the length of one lap of the original path [m]."""
@@ -133,10 +133,10 @@ class ImplementIlc(PlaceLearner):
         implement from the path updates the shift."""
         e, route, t = situation.estimate, situation.route, situation.t
         x, y, yaw = self._implement(state, situation, dt)
-        near = route.nearest(x, y, route.passed(t), t).s if state.s is None else state.s
+        near = route.nearest(x, y, route.distance_at(t), t).s if state.s is None else state.s
         place = route.nearest(x, y, near, t)
         if state.s is None:
-            lap, length = self.begun(route, place.s)
+            lap, length = self.begin(route, place.s)
             state = state._replace(lap=lap, length=length)
         sound = self.sound(e, place.offset)
         correction = -place.offset if sound else None
@@ -144,7 +144,7 @@ class ImplementIlc(PlaceLearner):
         line = Moved(route, self.map, lap, state.length)
         seen = situation._replace(route=line, reference=line.at(t))
         inner, command = self.inner.update(state.inner, seen, dt)
-        beside = self.map.value(lap, route.passed(t), state.length)
+        beside = self.map.value(lap, route.distance_at(t), state.length)
         learning = sound and lap.learning
         return ImplementIlcState(inner, lap, place.s, state.length, yaw, place.offset, beside, learning), command
 

@@ -102,7 +102,7 @@ class LapMap(Spec):
         now = _at(state.map_, s / lap)
         return now if fresh == 1.0 else fresh * now + (1.0 - fresh) * _at(state.before, s / lap)
 
-    def begun(self, s: float, lap: float, known: Learned | None = None, name: str = "") -> LapState:
+    def begin(self, s: float, lap: float, known: Learned | None = None, name: str = "") -> LapState:
         """Return the initial state at arc length `s` on a path with laps of length `lap` [m]. `known` contains a loaded
         map with the quantity `name`, or is None for an empty map."""
         n = max(round(lap / GRID_M), 2)

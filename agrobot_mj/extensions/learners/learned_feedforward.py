@@ -114,7 +114,7 @@ class PathNetwork(Spec):
         """Return the state `dt` [s] later, with rule traces that follow the rule weights `w` with a first-order lag."""
         return state._replace(trace=state.trace + (w - state.trace) * dt / (self.trace_s + dt))
 
-    def learnt(self, state: PathNetworkState, e: float, bound: float, dt: float) -> PathNetworkState:
+    def learn(self, state: PathNetworkState, e: float, bound: float, dt: float) -> PathNetworkState:
         """Return the state with consequents updated by feedback `e` [rad] over `dt` [s], within +-`bound` [rad]."""
         step = dt * self.eta * e * state.trace / max(float(state.trace @ state.trace), LEAST_TRACE)
         return state._replace(f=np.clip(state.f + step, -bound, bound))
@@ -198,7 +198,7 @@ class LearnedFeedforward(AngleLearner):
         offset = to_heading(r.yaw, r.x - e.x, r.y - e.y)[1]
         inner, command, feedback, learning = self.correct(state, situation, ahead, answered, offset, dt)
         if learning:
-            map_ = self.network.learnt(map_, feedback, radians(self.bound_deg), dt)
+            map_ = self.network.learn(map_, feedback, radians(self.bound_deg), dt)
         map_ = self.network.fade_traces(map_, w, dt)
         return LearnedState(inner, map_, command.steer, ahead, feedback, learning), command
 

@@ -80,10 +80,10 @@ class PlaceLearner(LearningLaw):
         if self.file is not None:
             require_quantity(self.file, self.quantity)
 
-    def begun(self, route: Route, s: float) -> tuple[LapState, float]:
+    def begin(self, route: Route, s: float) -> tuple[LapState, float]:
         """Return the initial map state at arc length `s` [m] of a route, and the lap length [m]."""
         known = None if self.file is None else read_learned(self.file)
-        return self.map.begun(s, length := route.lap(), known, self.quantity), length
+        return self.map.begin(s, length := route.lap(), known, self.quantity), length
 
 
 class Corrected(NamedTuple):

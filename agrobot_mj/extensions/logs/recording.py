@@ -183,23 +183,23 @@ class _Reader(NamedTuple):
         reading = sign * (self.data[c.column] - c.offset)
         reading = np.where(reading < 0, c.scale_right or c.scale, c.scale) * reading
         angle = np.arctan(c.wheelbase_m * reading) if c.wheelbase_m else ANGLES[c.unit] * reading
-        series = self._known("steer", c, self._settled(c.column, angle), largest, "rad")
+        series = self._finite_values("steer", c, self._without_outliers(c.column, angle), largest, "rad")
         return TimeSeries(series.t, undo_averaging(series, c.averaged_s))
 
     def voltage(self, c: ValveColumn) -> TimeSeries:
-        return self._known("valve", c, 6.0 + c.volts_per_unit * (self.data[c.column] - c.neutral))
+        return self._finite_values("valve", c, 6.0 + c.volts_per_unit * (self.data[c.column] - c.neutral))
 
     def speed(self, c: SpeedColumn) -> TimeSeries:
-        speed = self._settled(c.column, c.scale * SPEEDS[c.unit] * self.data[c.column])
-        series = self._known("speed", c, speed, LARGEST_SPEED, "m/s")
+        speed = self._without_outliers(c.column, c.scale * SPEEDS[c.unit] * self.data[c.column])
+        series = self._finite_values("speed", c, speed, LARGEST_SPEED, "m/s")
         if np.abs(series.value).max() < LEAST_SPEED:
             raise FieldLogError(f"{self.name}: {c.column!r} never reaches {LEAST_SPEED} m/s; use a log with motion")
         return series
 
     def yaw_rate(self, c: YawRateColumn) -> TimeSeries:
         sign = 1.0 if c.positive == "left" else -1.0
-        rate = self._settled(c.column, sign * ANGLES[c.unit] * (self.data[c.column] - c.offset))
-        return self._known("yaw_rate", c, rate, LARGEST_YAW_RATE, "rad/s")
+        rate = self._without_outliers(c.column, sign * ANGLES[c.unit] * (self.data[c.column] - c.offset))
+        return self._finite_values("yaw_rate", c, rate, LARGEST_YAW_RATE, "rad/s")
 
     def heading(self, c: HeadingColumn, speed: TimeSeries) -> TimeSeries:
         read = self.data[c.column]
@@ -212,8 +212,8 @@ class _Reader(NamedTuple):
         angle = ANGLES[c.unit] * (read - c.offset)
         if c.quality:
             angle[~self.good[c.quality]] = np.nan
-        angle = np.angle(self._settled(c.column, np.exp(1j * angle)))
-        series = self._known("heading", c, pi / 2 - angle if c.convention == "compass" else angle)
+        angle = np.angle(self._without_outliers(c.column, np.exp(1j * angle)))
+        series = self._finite_values("heading", c, pi / 2 - angle if c.convention == "compass" else angle)
         found = fresh(series)
         repeated = (np.abs(np.interp(series.t, *speed)) > LEAST_SPEED) & ~np.isin(series.t, found.t)
         if repeated.mean() > MOST_REPEATED:
@@ -290,14 +290,16 @@ class _Reader(NamedTuple):
             )
         return good, places
 
-    def _settled(self, column: str, values: Values) -> Values:
+    def _without_outliers(self, column: str, values: Values) -> Values:
         """Return the values of a column with outliers replaced by NaN."""
         alone = lone(self.t, values)
         if alone.any():
             self.notes.append(f"{alone.sum()} values of {column!r} far from their neighbours are omitted")
         return np.where(alone, np.nan, values)
 
-    def _known(self, part: str, c: MeasuredColumn, values: Array, bound: float = inf, unit: str = "") -> TimeSeries:
+    def _finite_values(
+        self, part: str, c: MeasuredColumn, values: Array, bound: float = inf, unit: str = ""
+    ) -> TimeSeries:
         """Return the finite values of a column with latency-corrected times. Raises `FieldLogError` for fewer than
         `FEWEST` values, or for magnitudes above `bound`."""
         good = np.isfinite(values)

@@ -53,24 +53,24 @@ class Clutches:
             straight = self._straight(FRONT, steer, drive.front_release_deg)
             self._set(FRONT, straight and self._slips(motion, drive.front_engage_slip))
 
-    def engaged(self, name: str) -> bool:
+    def is_engaged(self, name: str) -> bool:
         """Return whether the clutch `name` is engaged."""
         return bool(self.data.eq_active[self.ids[name]])
 
     def _straight(self, name: str, steer: float, release: float | None) -> bool:
         if release is None:
             return True
-        return steer <= (release if self.engaged(name) else max(release - CLOSES_BELOW_DEG, 0.5 * release))
+        return steer <= (release if self.is_engaged(name) else max(release - CLOSES_BELOW_DEG, 0.5 * release))
 
     def _slips(self, motion: TractorMotion, engage: float | None) -> bool:
         if engage is None:
             return True
         rim = motion.spin * self.rolling_radius
         slip = 0.0 if abs(rim) < LEAST_M_S else 1.0 - motion.speed / rim
-        return slip >= (RELEASES_AT * engage if self.engaged(FRONT) else engage)
+        return slip >= (RELEASES_AT * engage if self.is_engaged(FRONT) else engage)
 
     def _set(self, name: str, closed: bool) -> None:
-        if closed == self.engaged(name):
+        if closed == self.is_engaged(name):
             return
         i, data = self.ids[name], self.model.eq_data
         if closed:

@@ -100,9 +100,11 @@ class MujocoPlant(RunningPlant):
         self._apply_conditions(conditions)
         place = before = start
         for _ in range(PLACINGS):
-            truth, recent = self._settled(place)
+            truth, recent = self._settle_at(place)
             if self._fallen and place is not before:
-                truth, recent = self._settled(before)  # near its tip-over angle it only rests if it turns on its tyres
+                truth, recent = self._settle_at(
+                    before
+                )  # near its tip-over angle it only rests if it turns on its tyres
                 break
             before = place
             off_x, off_y, turned = truth.x - start.x, truth.y - start.y, wrap(truth.yaw - start.yaw)
@@ -116,7 +118,7 @@ class MujocoPlant(RunningPlant):
                 print(why, file=sys.stderr)
         return truth
 
-    def _settled(self, place: Reference) -> tuple[Truth, RecentMotion]:
+    def _settle_at(self, place: Reference) -> tuple[Truth, RecentMotion]:
         """Place the tractor with its CG above `place` and let it settle. Return the true state and the motion."""
         self._place(place)
         recent = self._settle()
@@ -165,11 +167,11 @@ class MujocoPlant(RunningPlant):
             self.option.gravity[:] = gravity
         return recent
 
-    def advanced(self, drive: Drive, conditions: Conditions = NOMINAL) -> Held[Truth]:
+    def advance_held(self, drive: Drive, conditions: Conditions = NOMINAL) -> Held[Truth]:
         """Simulate one tick as in `advance`; return a `Held` reference to the true state, which saves time."""
         if self.clutches.switched:
             self.clutches.update(self.motion)
-        return super().advanced(drive, conditions)
+        return super().advance_held(drive, conditions)
 
     def step_through(self, drive: Drive) -> None:
         """Simulate the physics steps of one tick at constant valve voltages, without computing the true state."""

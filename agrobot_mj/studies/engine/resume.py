@@ -51,7 +51,7 @@ class InputCopies:
         self.folder, self.write = folder.absolute(), write
         self._copies: dict[tuple[str, Path], Path] = {}
 
-    def held(self, data: Mapping[str, Any]) -> Held:
+    def with_copies(self, data: Mapping[str, Any]) -> Held:
         """Return scenario data with the paths of copied files. Paths of unreadable files are kept, so that the run
         fails."""
         driven, said, found = deepcopy(dict(data)), deepcopy(dict(data)), list[str]()
@@ -85,7 +85,7 @@ class InputCopies:
         copies."""
         if key != "machine":
             return path.read_bytes()
-        held = self.held(machine_data(path))
+        held = self.with_copies(machine_data(path))
         if not held.files:
             return path.read_bytes()
         for table, each in naming_files(held.driven):
@@ -111,12 +111,12 @@ class RowFiles:
         self.inputs = InputCopies(folder, self.write_bytes)
         self._held, self._code = cache(self._held_base), cache(_module_digest)
 
-    def asked(self, task: Task) -> Task:
+    def with_identity(self, task: Task) -> Task:
         """Return a task with its identity and with the paths of copied input files."""
         (base, text), measure, code_of_measure = self._held(task.base), task.measure, list[str]()
         if measure:
             code_of_measure = [getattr(measure, "__name__", repr(measure)), self._code(measure.__module__)]
-        held = {key: self.inputs.held({key.rpartition(".")[2]: value}) for key, value in task.overrides.items()}
+        held = {key: self.inputs.with_copies({key.rpartition(".")[2]: value}) for key, value in task.overrides.items()}
         overrides = {key: list(each.said.values()) for key, each in held.items()}
         said = [base.said, [*overrides.items()], code_of_measure, task.branches]  # the order of overrides has an effect
         files = [*base.files, *(file for each in held.values() for file in each.files)]
@@ -125,7 +125,7 @@ class RowFiles:
         return task._replace(base=text, overrides=driven, identity=Identity(name, joint_digest(files), *code()))
 
     def _held_base(self, base: str) -> tuple[Held, str]:
-        held = self.inputs.held(json.loads(base))
+        held = self.inputs.with_copies(json.loads(base))
         return held, json.dumps(held.driven, sort_keys=True)
 
     def has(self, task: Task, row: Row) -> bool:
@@ -214,7 +214,7 @@ class Study:
         Equal tasks are run once. `done` is called for each task with two flags: whether the run ended as expected, and
         whether the row existed. Equal error messages are printed once.
         """
-        tasks = [self.rows.asked(task)._replace(number=number) for number, task in enumerate(tasks)]
+        tasks = [self.rows.with_identity(task)._replace(number=number) for number, task in enumerate(tasks)]
         first, found = dict[Identity | None, int](), dict[Identity | None, Row]()
         for task in tasks:
             first.setdefault(task.identity, task.number)

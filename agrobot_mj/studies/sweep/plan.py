@@ -209,15 +209,15 @@ class _Checker:
         if command:
             return [f'guidance.kind: "{scenario.guidance.kind}" needs an external program and cannot be swept']
         room = len(self.tractors) < MOST_KEPT
-        wrong = self._found(self.tractors, tractor_key(scenario), room, partial(check_tractor, scenario))
+        wrong = self._find(self.tractors, tractor_key(scenario), room, partial(check_tractor, scenario))
         return [*wrong, *self._of_place(scenario)]
 
     def _of_place(self, scenario: Scenario) -> list[str]:
         tractor, fields = scenario.tractor, len(self.places) < MOST_GROUNDS
         key = (scenario.path, scenario.terrain, scenario.ticks, tractor.wheelbase_m, tractor.steer_limit_deg)
-        return self._found(self.places, key, fields, partial(check_files, scenario, self.base.name, fields))
+        return self._find(self.places, key, fields, partial(check_files, scenario, self.base.name, fields))
 
-    def _found(self, known: dict[object, list[str]], key: object, room: bool, check: Callable[[], None]) -> list[str]:
+    def _find(self, known: dict[object, list[str]], key: object, room: bool, check: Callable[[], None]) -> list[str]:
         if key in known:
             return known[key]
         faults = []

@@ -118,8 +118,8 @@ class Store(RowFiles):
         remove(self.folder, (TABLE,) if part is not None else (TABLE, PLAN))
 
     def task(self, number: int) -> Task:
-        """Return the task of a run with its identity, as `asked` does."""
-        return self.asked(self.plan.task(number))
+        """Return the task of a run with its identity, as `with_identity` does."""
+        return self.with_identity(self.plan.task(number))
 
     def has(self, task: Task, row: Row) -> bool:
         """Return whether all files to be kept for a run exist."""

@@ -32,7 +32,7 @@ def disturbance(s: float) -> float:
 
 def laps(map_: LapMap, count: float, error=lambda lap, rest: rest, state: LapState | None = None, begin: float = 0.0):
     """Simulate laps in which the feedback corrects the residual disturbance. Return the state and the residuals."""
-    state = map_.begun(begin, LAP) if state is None else state
+    state = map_.begin(begin, LAP) if state is None else state
     rests = []
     for s in np.arange(begin, begin + count * LAP, STEP):
         rest = disturbance(s) - map_.value(state, s, LAP)
@@ -82,7 +82,7 @@ def test_correction_map_learns_only_corrections_that_repeat_every_lap(share: flo
         waves = 2 * pi * np.outer(np.arange(1, 7), turn) + draw.uniform(0, 2 * pi, (6, 1))
         return draw.normal(size=6) @ np.sin(waves)
 
-    same, state, left = pattern(), map_.begun(0.0, LAP), []
+    same, state, left = pattern(), map_.begin(0.0, LAP), []
     for lap in range(24):
         wanted = 0.1 * (share**0.5 * same + (1 - share) ** 0.5 * pattern())
         rest = np.empty(PER_LAP)
@@ -96,7 +96,7 @@ def test_correction_map_learns_only_corrections_that_repeat_every_lap(share: flo
 
 def test_correction_map_stays_within_its_bound() -> None:
     map_ = LapMap(gain=1.0, guard=False)
-    state = map_.begun(0.0, LAP)
+    state = map_.begin(0.0, LAP)
     for s in np.arange(0.0, 5 * LAP, STEP):
         state = map_.after(state, s, LAP, 0.0, 0.4, 0.3)
     assert state.map_.max() == pytest.approx(0.3)

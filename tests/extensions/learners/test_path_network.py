@@ -42,7 +42,7 @@ def test_one_update_changes_the_output_by_learning_rate_times_error() -> None:
     state = network.init()
     for _ in range(400):
         state = network.fade_traces(state, network.firing(x), DT)
-    moved = network.learnt(state, e, 1.0, DT)
+    moved = network.learn(state, e, 1.0, DT)
     assert moved.f @ state.trace - state.f @ state.trace == pytest.approx(0.3 * e * DT)
 
 
@@ -57,7 +57,7 @@ def test_network_converges_to_the_true_feedforward_despite_a_lag(uncertainty: fl
         wanted = np.arctan(1.4 * x.curvature) + 0.4 * x.roll
         w = network.firing(x)
         answered += (wanted - state.f @ w - answered) * DT / (network.trace_s + DT)
-        state = network.learnt(network.fade_traces(state, w, DT), answered, 1.0, DT)
+        state = network.learn(network.fade_traces(state, w, DT), answered, 1.0, DT)
         errors.append((wanted, wanted - state.f @ w))
     wanted_square, error_square = np.square(errors[-8000:]).mean(axis=0)
     assert error_square < 0.02 * wanted_square
@@ -66,7 +66,7 @@ def test_network_converges_to_the_true_feedforward_despite_a_lag(uncertainty: fl
 def test_network_consequents_stay_within_their_bound() -> None:
     network, state, bound = PathNetwork(), PathNetwork().init(), 0.1
     for x in _inputs():
-        state = network.fade_traces(network.learnt(state, 5.0, bound, DT), network.firing(x), DT)
+        state = network.fade_traces(network.learn(state, 5.0, bound, DT), network.firing(x), DT)
     assert np.abs(state.f).max() == bound
 
 
@@ -75,8 +75,8 @@ def test_training_with_mirrored_inputs_gives_a_mirrored_network() -> None:
     left = right = network.init()
     for k, x in enumerate(_inputs()):
         mirrored, e = x._replace(curvature=-x.curvature, roll=-x.roll), 0.1 * np.sin(k)
-        left = network.learnt(network.fade_traces(left, network.firing(x), DT), e, 0.5, DT)
-        right = network.learnt(network.fade_traces(right, network.firing(mirrored), DT), -e, 0.5, DT)
+        left = network.learn(network.fade_traces(left, network.firing(x), DT), e, 0.5, DT)
+        right = network.learn(network.fade_traces(right, network.firing(mirrored), DT), -e, 0.5, DT)
     for x in _inputs():
         mirrored = x._replace(curvature=-x.curvature, roll=-x.roll)
         assert network.firing(x) @ left.f == pytest.approx(-(network.firing(mirrored) @ right.f), abs=1e-12)

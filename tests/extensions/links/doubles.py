@@ -36,7 +36,7 @@ class Toy:
 
     def reset(self):
         self.t, self.x, self.y, self.yaw, self.angle = 0.0, 0.0, self.start, 0.0, 0.0
-        return self._measured()
+        return self._measure()
 
     @property
     def done(self):
@@ -53,9 +53,9 @@ class Toy:
         self.y += self.speed * sin(self.yaw) * TICK_S
         self.t += TICK_S
         self.track.append((self.t, self.x, self.y))
-        return self._measured()
+        return self._measure()
 
-    def _measured(self):
+    def _measure(self):
         v = self.speed * cos(self.yaw), self.speed * sin(self.yaw)
         return Measurement(
             self.t, Fix(self.x, self.y, *v, self.t, 2.0, self.yaw), Quality.FIX, self.angle, 0.0, 0.0, 0.0, 0.0

@@ -85,8 +85,8 @@ def test_host_with_the_wrong_protocol_variant_never_steers():
 
 def test_no_position_is_sent_to_the_host_without_a_gnss_solution():
     class Blind(Toy):
-        def _measured(self):
-            measured = super()._measured()
+        def _measure(self):
+            measured = super()._measure()
             return measured._replace(fix=None, quality=0) if 40 <= round(self.t / TICK_S) < 80 else measured
 
     vehicle = Blind(6.0 - TICK_S / 2)

@@ -434,8 +434,10 @@ def test_interrupt_of_a_vector_step_leaves_all_tractors_between_ticks(monkeypatc
         vector, raised = FollowPathVector(3, **FAST), 0
         vector.reset(seed=5)
         if interrupted:
-            advance = BicyclePlant.advanced
-            monkeypatch.setattr(BicyclePlant, "advanced", lambda *a: os.kill(os.getpid(), signal.SIGINT) or advance(*a))
+            advance = BicyclePlant.advance_held
+            monkeypatch.setattr(
+                BicyclePlant, "advance_held", lambda *a: os.kill(os.getpid(), signal.SIGINT) or advance(*a)
+            )
         for _ in range(12):
             try:
                 vector.step(np.full((3, 1), 0.15, dtype=np.float32))

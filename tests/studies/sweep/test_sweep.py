@@ -439,7 +439,7 @@ def test_resumed_sweep_does_not_repeat_hundreds_of_finished_runs(tmp_path, call,
     folder, plan = tmp_path / "out", SweepPlan(read_sweep("mine.toml"))
     store = Store(folder, plan)
     for number in range(count - 1):
-        store.write_row(store.asked(plan.task(number)), row)
+        store.write_row(store.with_identity(plan.task(number)), row)
     found = run_sweep("mine.toml", folder, SweepOptions(quiet=True))
     assert (found.before, found.new) == (count, 0)
     assert pq.read_metadata(folder / "sweep.parquet").num_rows == count

@@ -115,7 +115,7 @@ class _Sides:
         """Replace a run of corners that contains corner `k` by one corner, the shortest possible run first. Return the
         corners with changed bends, or an empty set if there is no such run."""
         tries = ((run, new) for run in self._runs(k) for new in self._replacements(run, k))
-        return next(filter(None, (self._replaced(*each) for each in tries)), set())
+        return next(filter(None, (self._replace_run(*each) for each in tries)), set())
 
     def _runs(self, k: int) -> Iterator[list[int]]:
         """Yield the runs of 2 to LONGEST corners that contain corner `k`, without the whole polyline."""
@@ -150,7 +150,7 @@ class _Sides:
             yield _Corner(self.corners[run[0]].at + across / 2)
             yield self.corners[k]
 
-    def _replaced(self, run: list[int], new: _Corner) -> set[int]:
+    def _replace_run(self, run: list[int], new: _Corner) -> set[int]:
         """Replace a run by the corner `new`, and return the corners with changed bends, or an empty set if the new
         bends violate the conditions."""
         (a, *gone), first, last = run, self.before[run[0]], self.after[run[-1]]

@@ -130,7 +130,7 @@ class Session:
 
     def run(self, should_stop: Callable[[], bool] = lambda: False, tell: Callable[[], None] = lambda: None) -> None:
         """Simulate to the end and call `tell` after each tick. Raises `NoHostError` if no host replies in time."""
-        measured = self._measured(self.sim.reset())
+        measured = self._measure(self.sim.reset())
         while not self.sim.done and not should_stop():
             before = self.state
             actuation = self._turn(measured)
@@ -139,7 +139,7 @@ class Session:
             self.turn += 1
             if waits:
                 continue
-            measured = self._measured(self.sim.drive(actuation))
+            measured = self._measure(self.sim.drive(actuation))
             tell()
             self.engaged_ticks += actuation.engaged
             self.latched_ticks += self.board.refuses(self.state)
@@ -157,7 +157,7 @@ class Session:
         elif not self.engaged_ticks:
             self.ended = "not_engaged"
 
-    def _measured(self, measured: Measurement) -> Measurement:
+    def _measure(self, measured: Measurement) -> Measurement:
         self.received = self.receiver.measure(self.received, measured, self.sim.truth, TICK_S)
         return measured
 

@@ -207,7 +207,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
 
     def _info(self) -> dict[str, Any]:
         sim, beside, t = self._running, self._moment.beside_truth, self._moment.truth.t
-        lag, outcome = sim.path.passed(t) - beside.s, sim.outcome
+        lag, outcome = sim.path.distance_at(t) - beside.s, sim.outcome
         if not outcome and not abs(beside.offset) <= self.max_offset_m:
             outcome = "off_path"
         elif not outcome and lag > self.max_lag_m:
