@@ -18,6 +18,8 @@ PIXEL_SCALE, TIE_POINT, TRANSFORMATION, GEO_KEYS, NODATA = 33550, 33922, 34264, 
 """Numbers of the TIFF tags for cell size, position, transformation, GeoKeys and missing data in GeoTIFF files."""
 MODEL_TYPE, RASTER_TYPE, GEOGRAPHIC, IS_POINT = 1024, 1025, 2, 2
 """GeoKeys of coordinate system and raster type, and their numbers for coordinates in degrees and for point data."""
+PROJECTED, FIRST_EPSG, USER_DEFINED = 3072, 1024, 32767
+"""GeoKey of the projected coordinate system, its first EPSG code, and the number of a system without a code."""
 IN_DEGREES = (1, 1, 0, 3, MODEL_TYPE, 0, 1, GEOGRAPHIC, RASTER_TYPE, 0, 1, 1, 2048, 0, 1, 4326)
 IN_METRES = (1, 1, 0, 2, MODEL_TYPE, 0, 1, 32767, RASTER_TYPE, 0, 1, 1)
 """GeoKey directories of written files: `IN_DEGREES` for WGS 84, `IN_METRES` for a grid without a map position."""
@@ -67,6 +69,14 @@ def without_gaps(path: Path, values: Array, tags: Any) -> Array:
     if holes := int((values == _nodata(path, tags)).sum()):
         refuse(path, f"the grid has {holes} missing values (NODATA); fill them, e.g. with gdal_fillnodata")
     return np.flipud(values)
+
+
+def map_system(path: Path) -> str:
+    """Return the projected coordinate system of a GeoTIFF, for example `EPSG:32632`, or an empty string if the file
+    names none. Raise ValueError if the file is not a TIFF image."""
+    with open_tiff(path) as image:
+        code = _geo_keys(image.tag_v2).get(PROJECTED, 0)
+    return f"EPSG:{code}" if FIRST_EPSG <= code < USER_DEFINED else ""
 
 
 def _geo_keys(tags: Any) -> dict[int, int]:

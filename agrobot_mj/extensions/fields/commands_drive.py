@@ -76,12 +76,13 @@ def field_plan(
     from agrobot_mj.simulation.results import results
 
     field = _field(file, crs, name, quiet)
-    base, rig = _rig(field, width, overlap, turn, speed, radius, overrides(sets), no_reverse)
+    given = _on_map(field, overrides(sets), quiet)
+    base, rig = _rig(field, width, overlap, turn, speed, radius, given, no_reverse)
     plan = _plan(field, rig, headlands, turn, order, _frame(field, base, angle, along), sections, beyond)
     folder = results_folder(out, f"plan-{field.name}")
     with results(folder, PLAN_FILES):
         write_plan(folder, field, plan)
-        write_scenario(folder, field, plan, base, overrides(sets))
+        write_scenario(folder, field, plan, base, given)
     _warn(plan, quiet)
     text = plan_text(plan, field, depth_of_turn(rig, turn))
     content = {"folder": str(folder), "machine": base.machine, "warnings": list(plan.warnings), **text[1]}
@@ -137,6 +138,7 @@ def field_run(
     if (stored_file := file / PLAN_FILES[0]).is_file():
         raise ScenarioError(f"{file}: is the folder of a plan; specify the boundary file, and --plan {stored_file}")
     field = _field(file, crs, name, quiet)
+    given = _on_map(field, given, quiet)
     stored = stored_plan(plan_file) if plan_file else None
     worked = width or (stored.width if stored else DEFAULT_WIDTH_M)
     base, rig = _rig(field, worked, stored.overlap if stored else overlap, turn, speed, radius, given, no_reverse)
@@ -163,6 +165,17 @@ def _field(file: Path, crs: str, name: str, quiet: bool) -> "Field":
     for note in () if quiet else field.notes:
         print(f"{field.name}: {note}", file=sys.stderr)
     return field
+
+
+def _on_map(field: "Field", given: dict[str, Any], quiet: bool) -> dict[str, Any]:
+    """Return the overrides with the position of the field in the map of its elevation model. A note is printed unless
+    `quiet`."""
+    from agrobot_mj.extensions.fields.map_position import with_map_origin
+
+    found, note = with_map_origin(field, given)
+    if note and not quiet:
+        print(f"{field.name}: {note}", file=sys.stderr)
+    return found
 
 
 def _rig(

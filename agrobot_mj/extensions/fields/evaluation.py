@@ -171,7 +171,7 @@ def report(drive: FieldDrive) -> dict[str, Any]:
         "capacity": capacity(by_part["field"]["worked_m2"], span, drive.plan.width, drive.rig.path.speed_m_s),
         "accuracy": pass_to_pass(drive.swaths(), drive.plan.width - drive.plan.overlap),
         "effort": effort(log),
-        "planned": areas(planned_coverage(drive.plan, drive.field, drive.body, drive.boom.sections)),
+        "planned": areas(planned_coverage(drive.plan, drive.field, drive.body)),
         "plan_warnings": list(drive.plan.warnings),
     }
     if any(drive.prices):
@@ -190,7 +190,9 @@ def sentence(content: dict[str, Any]) -> str:
     """Return a summary of the results in one sentence: coverage, gaps, excursions and crop rows."""
     whole = content["areas"]["field"]
     hectares = f"{whole['worked_m2'] / 1e4:.3g} of {whole['area_m2'] / 1e4:.3g} ha worked at least once"
-    text = f"{hectares}, {whole['overlapped_percent']:.1f} % overlapped, {whole['missed_percent']:.1f} % missed"
+    text = (
+        f"{hectares}, {max(whole['overlapped_percent'], 0.0):.1f} % overlapped, {whole['missed_percent']:.1f} % missed"
+    )
     found = content["gaps"]
     out = {name: each for name, each in content["excursions"].items() if each["largest_m"] > 0.05}
     if found and whole["missed_percent"] >= 0.05:

@@ -4,7 +4,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from agrobot_mj.extensions.fields.coverage import areas
+import shapely
+
+from agrobot_mj.extensions.fields.coverage import FieldCoverage, areas
 from agrobot_mj.extensions.fields.drive import PLAN_FILE, driving_scenario
 from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.extensions.fields.maps import geojson, map_of
@@ -33,7 +35,8 @@ def write_scenario(folder: Path, field: Field, plan: Plan, base: Scenario, overr
 
 def plan_text(plan: Plan, field: Field, depth: float) -> tuple[str, dict[str, Any]]:
     """Return a summary text and the numbers of a plan. `depth` is the headland width required for the turns [m]."""
-    ideal = areas(planned_coverage(plan, whole_of(field), body_of(field, plan)))["field"]
+    found = planned_coverage(plan, whole_of(field), body_of(field, plan))
+    ideal = areas(found)["field"]
     swaths = sum(one.part == "body" for one in plan.passes)
     numbers = {
         "field": plan.name,
@@ -52,6 +55,15 @@ def plan_text(plan: Plan, field: Field, depth: float) -> tuple[str, dict[str, An
         f"{plan.name}: {numbers['area_m2'] / 1e4:.3g} ha, {numbers['laps']} laps, {swaths} swaths{direction}, "
         f"{plan.length / 1000:.2f} km, {100 * plan.working_length / plan.length:.0f} % of it working, "
         f"{ideal['overlapped_percent']:.1f} % overlapped and {ideal['missed_percent']:.1f} % missed by the plan; "
-        f"turns need a headland of {depth:.1f} m"
+        f"turns need a headland of {depth:.1f} m{_largest_gap(found, plan.width)}"
     )
     return text, numbers
+
+
+def _largest_gap(found: FieldCoverage, width: float) -> str:
+    """Return a text about the largest gap, or an empty text if it is smaller than a square of `width` [m]."""
+    gap = max(shapely.get_parts(found.missed), key=lambda each: each.area, default=None)
+    if gap is None or gap.area < width**2:
+        return ""
+    at = gap.representative_point()
+    return f"; the largest gap is {gap.area:.0f} m2 near ({at.x:.0f}, {at.y:.0f}) m"

@@ -9,12 +9,12 @@ from agrobot_mj.extensions.fields.plan import Plan
 from agrobot_mj.extensions.fields.planner.rig import tractor_poses
 
 
-def planned_coverage(plan: Plan, whole: BaseGeometry, body: BaseGeometry, sections: int = 1) -> FieldCoverage:
+def planned_coverage(plan: Plan, whole: BaseGeometry, body: BaseGeometry) -> FieldCoverage:
     """Return the coverage of a plan if the tractor with a rigidly mounted implement follows it exactly.
 
     `whole` is the field area, and `body` the area inside the headland laps.
     """
-    motion, boom = planned_motion(plan), Boom(plan.width, sections)
+    motion, boom = planned_motion(plan), Boom(plan.width, max((len(one.sections) for one in plan.passes), default=1))
     ground = [
         worked_area(motion, [span if span[1] > span[0] else None for span in one.sections], boom) for one in plan.passes
     ]

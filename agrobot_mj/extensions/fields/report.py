@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 
 from agrobot_mj.core.geodesy import Origin, to_local
 from agrobot_mj.core.palette import BLACK, ORANGE, VERMILION
+from agrobot_mj.core.signals import Array
 from agrobot_mj.studies.pages.document import SHADE, Chart, Document, layout
-from agrobot_mj.studies.pages.drive import line, read_signals, run_page
+from agrobot_mj.studies.pages.drive import MOST_POINTS, line, read_signals, run_page
 from agrobot_mj.studies.pages.report import Reports
 
 SMALLEST_M2 = 0.01  # Area below which a gap or an overlap is not drawn in the report [m2]
@@ -23,6 +25,7 @@ EFFORT = (
     ("rut_depth_max_m", "maximum depth of ruts", "m"),
 )
 """Key, label and unit of each effort quantity in the results table."""
+TOLERANCES_M = (0.02, 0.05, 0.1, 0.2, 0.5)  # Maximum deviations of the simplified track in the map [m]
 HEAD = 2  # Number of elements that precede the coverage section of a page: title and facts
 
 
@@ -91,11 +94,24 @@ def _map(folder: Path, found: Mapping[str, Any]) -> Chart:
     for kind, colour in COLOURS.items():
         x, y = _outline([each for each in shapes if each["properties"]["kind"] == kind], origin)
         data.append({**_filled_trace(x, y, colour), "name": kind})
-    data.append(line(signals["x"], signals["y"], "track", BLACK, width=0.7))
+    data.append(line(*_simplified_track(signals["x"], signals["y"]), "track", BLACK, width=0.7))
     x, y = _outline([each for each in shapes if each["properties"]["kind"] == "field"], origin)
     outline = {"type": "scatter", "mode": "lines", "x": x, "y": y, "name": "boundary"}
     data.append({**outline, "line": {"color": BLACK, "width": 2}})
     return {"data": data, "layout": layout("east [m]", "north [m]", yaxis={"scaleanchor": "x"})}
+
+
+def _simplified_track(x: Array, y: Array) -> tuple[Array, Array]:
+    """Return the points of a track, simplified with the smallest of several tolerances that gives at most `MOST_POINTS`
+    points."""
+    known = np.isfinite(x) & np.isfinite(y)
+    track = shapely.LineString(np.column_stack([x[known], y[known]])) if known.sum() > 1 else shapely.LineString()
+    points = np.empty((0, 2))
+    for tolerance in TOLERANCES_M:
+        points = shapely.get_coordinates(track.simplify(tolerance))
+        if len(points) <= MOST_POINTS:
+            break
+    return points[:, 0], points[:, 1]
 
 
 def _filled_trace(x: list[float | None], y: list[float | None], colour: str) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from agrobot_mj.core.resources import stamp_of
 from agrobot_mj.extensions.fields.coverage import areas
 from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.extensions.fields.given_plan import given_plan
+from agrobot_mj.extensions.fields.output import plan_text
 from agrobot_mj.extensions.fields.plan import MAX_BYTES, plan_of, to_json
 from agrobot_mj.extensions.fields.plan_path import FieldPlan
 from agrobot_mj.extensions.fields.planned import planned_coverage
@@ -32,9 +33,9 @@ from agrobot_mj.paths.track import chain
 from agrobot_mj.scenario.loading import load_scenario
 
 
-def planned(plan, field, sections=1):
+def planned(plan, field):
     """Return the areas covered if a plan is followed exactly."""
-    return areas(planned_coverage(plan, whole_of(field), body_of(field, plan), sections))
+    return areas(planned_coverage(plan, whole_of(field), body_of(field, plan)))
 
 
 @pytest.mark.parametrize("field", FIELDS, ids=lambda field: field.name)
@@ -122,9 +123,7 @@ def test_plan_uses_the_specified_swath_angle():
 
 def test_section_control_reduces_overlap_at_oblique_field_edges():
     rig = machine()
-    one, six = (
-        planned(make_plan(SLANTED, rig, Options(frame=SwathFrame(0.0), sections=n)), SLANTED, n) for n in (1, 6)
-    )
+    one, six = (planned(make_plan(SLANTED, rig, Options(frame=SwathFrame(0.0), sections=n)), SLANTED) for n in (1, 6))
     assert six["field"]["overlapped_m2"] < one["field"]["overlapped_m2"] - 5.0
     assert six["body"]["missed_m2"] < one["body"]["missed_m2"] + 0.1
 
@@ -153,7 +152,7 @@ def test_margin_replaces_headland_laps_that_do_not_fit(monkeypatch):
         return SimpleNamespace(leaving=SimpleNamespace(laps=0.0, turns=excess[laps, margin]))
 
     monkeypatch.setattr(planning, "_work", work)
-    found = planning._attempts(RECTANGLE, machine(), Options(), 2)
+    found = planning._attempts(RECTANGLE, machine(), Options(), 2, 2)
     assert [(each.laps, each.margin) for each in found] == list(excess)
 
 
@@ -212,6 +211,26 @@ def test_forward_only_plan_has_no_reverse_segments():
         make_plan(HOLE, rig, Options(turn="k"))
     with pytest.raises(ScenarioError, match=r"--plan old\.json: has reverse segments, which --no-reverse"):
         given_plan(Path("old.json"), reversing, HOLE, rig, 1)
+
+
+def test_forward_only_plan_has_space_for_turns_between_adjacent_swaths():
+    rig = replace(machine(), forward_only=True)
+    field = Field("large", Polygon([(0, 0), (120, 0), (120, 90), (0, 90)]))
+    plan = make_plan(field, rig, Options())
+    assert plan.headlands * 3.0 >= depth_of_turn(rig, "clothoid") > 2 * 3.0
+    assert plan.working_length > 0.75 * plan.length
+    assert make_plan(RECTANGLE, rig, Options(headlands=3)).headlands == 3
+
+
+def test_plan_summary_counts_each_section_and_names_the_largest_gap():
+    rig = machine()
+    text, numbers = plan_text(make_plan(RECTANGLE, rig, Options(sections=6)), RECTANGLE, 9.0)
+    whole = plan_text(make_plan(RECTANGLE, rig, Options()), RECTANGLE, 9.0)[1]
+    assert 0.0 < numbers["overlapped_percent"] < whole["overlapped_percent"] < 5.0
+    assert "gap" not in text
+    plan = make_plan(RECTANGLE, rig, Options())
+    text, _ = plan_text(replace(plan, passes=plan.passes[:-2]), RECTANGLE, 9.0)
+    assert "; the largest gap is " in text
 
 
 def test_machine_with_a_drawn_implement_plans_forward_only():

@@ -17,7 +17,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.extensions.fields.plan import Plan, PlannedPass
 from agrobot_mj.extensions.fields.planner.area import TOLERANCE_M, Area, area_of
-from agrobot_mj.extensions.fields.planner.joins import Shape, join
+from agrobot_mj.extensions.fields.planner.joins import Shape, depth_of_turn, join
 from agrobot_mj.extensions.fields.planner.laps import Ring, lap, pieces_of, start_at
 from agrobot_mj.extensions.fields.planner.leaving import Leaving, leaving
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine
@@ -201,7 +201,8 @@ class _Attempt(NamedTuple):
 def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
     """Return the plan of a field. Raise `ScenarioError` if no plan stays inside the field.
 
-    If the number of laps is not given, laps are added until the turns stay inside the field. If the machine extends too
+    If the number of laps is not given, laps are added until the turns stay inside the field; without reversing, the
+    first attempt has space for the turns between adjacent swaths. If the machine extends too
     far beyond the boundary on laps, or more laps do not help, a margin moves the outermost lap inwards.
     """
     if rig.forward_only and options.turn == "k":
@@ -209,7 +210,8 @@ def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
             "--turn k: has a reverse segment, which --no-reverse and drawn implements exclude; use another turn"
         )
     first = DEFAULT_HEADLANDS if options.headlands is None else options.headlands
-    tried = list(_attempts(field, rig, options, first))
+    deep = ceil(depth_of_turn(rig, options.turn) / rig.spacing) if rig.forward_only and options.headlands is None else 0
+    tried = list(_attempts(field, rig, options, max(first, deep), first))
     last = tried[-1]
     if not last.inside or (options.headlands is not None and last.laps > first):
         worst = next((each for each in tried if each.work.leaving.turns), tried[0]).work.leaving
@@ -228,21 +230,25 @@ def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
     return last.work.plan(field.name, last.laps, last.margin, notes)
 
 
-def _attempts(field: Field, rig: FieldMachine, options: Options, first: int) -> Iterator[_Attempt]:
+def _attempts(field: Field, rig: FieldMachine, options: Options, laps: int, least: int) -> Iterator[_Attempt]:
     """Yield plans with increasing laps and margins, up to the first plan that stays inside the field.
 
-    If more laps do not lead to such a plan, the plans are repeated with margins that are wider by the excess of their
-    turns, smallest excess first.
+    The first plan has the given number of `laps` or, if these do not fit, the number `least`. If more laps do not lead
+    to a plan inside the field, the plans are repeated with margins that are wider by the excess of their turns,
+    smallest excess first.
     """
     tried: list[_Attempt] = []
-    laps, margin = first, 0.0
+    margin = 0.0
     while len(tried) <= TRIES:
         try:
             now = _Attempt(_work(field, rig, options, laps, margin), laps, margin)
         except ScenarioError:
-            if not tried:
+            if tried:
+                break
+            if laps == least:
                 raise
-            break
+            laps = least
+            continue
         yield now
         if now.inside:
             return

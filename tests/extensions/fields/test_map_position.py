@@ -1,0 +1,65 @@
+"""Position of a field in the map of its elevation model."""
+
+import numpy as np
+import pytest
+from PIL import Image, TiffImagePlugin
+from scipy.integrate import quad
+from shapely import box
+
+from agrobot_mj.core.geodesy import Origin
+from agrobot_mj.extensions.fields.field import Field
+from agrobot_mj.extensions.fields.map_position import FILE, ORIGIN, with_map_origin
+from agrobot_mj.terrain.geotiff import GEO_KEYS
+
+GRID, PLACE = 32632, Origin(52.3, 9.0)  # on the central meridian of the grid, with the easting 500 km
+LATITUDE, E2 = np.radians(52.3), 0.00669437999  # Latitude [rad], squared eccentricity of WGS 84
+NORTHING = 0.9996 * quad(lambda phi: 6_378_137 * (1 - E2) / (1 - E2 * np.sin(phi) ** 2) ** 1.5, 0.0, LATITUDE)[0]
+"""Meridian arc from the equator times the scale of UTM on its central meridian [m]."""
+
+
+def dem(folder, code=GRID):
+    info = TiffImagePlugin.ImageFileDirectory_v2()
+    info.tagtype[GEO_KEYS], info[GEO_KEYS] = 3, (1, 1, 0, 1, 3072, 0, 1, code)
+    Image.fromarray(np.zeros((2, 2), dtype=np.float32)).save(folder / "dem.tif", tiffinfo=info)
+    return {FILE: str(folder / "dem.tif")}
+
+
+def field(plane=PLACE, crs="EPSG:4326"):
+    return Field("farm", box(-50, -50, 50, 50), plane=plane, crs=crs)
+
+
+def test_field_in_degrees_gets_its_position_in_the_map_of_a_geotiff(tmp_path):
+    pytest.importorskip("pyproj")
+    given, note = with_map_origin(field(), dem(tmp_path))
+    assert given[ORIGIN] == pytest.approx([500_000.0, NORTHING], abs=0.01)
+    assert (
+        note
+        == f"the origin of the field is at (500000.0, {given[ORIGIN][1]:.1f}) m in EPSG:32632, the system of dem.tif"
+    )
+
+
+def test_field_in_a_national_grid_gets_its_position_in_this_grid(tmp_path):
+    pytest.importorskip("pyproj")
+    given, _ = with_map_origin(field(crs="EPSG:32632"), {FILE: str(tmp_path / "dem.asc")})
+    assert given[ORIGIN] == pytest.approx([500_000.0, NORTHING], abs=0.01)
+
+
+def test_note_states_the_rotation_of_the_grid(tmp_path):
+    pytest.importorskip("pyproj")
+    _, note = with_map_origin(field(Origin(52.3, 11.5)), dem(tmp_path))
+    # meridian convergence: difference of longitude times sin(latitude)
+    assert f"turned by {2.5 * np.sin(np.radians(52.3)):.1f} deg" in note.replace("-", "")
+
+
+@pytest.mark.parametrize(("plane", "code"), [(None, GRID), (PLACE, 32767)])
+def test_unknown_map_position_of_a_field_is_reported(tmp_path, plane, code):
+    given = dem(tmp_path, code)
+    assert with_map_origin(field(plane), given) == (
+        given,
+        "the middle of dem.tif is at the origin of the field; set terrain.map_origin_m for the true position",
+    )
+
+
+@pytest.mark.parametrize("given", [{}, {FILE: "dem.npy"}, {FILE: "dem.tif", ORIGIN: [1.0, 2.0]}, {FILE: "none.tif"}])
+def test_other_overrides_are_unchanged(given):
+    assert with_map_origin(field(), given) == (given, "")
