@@ -19,7 +19,7 @@ from agrobot_mj.paths.arc import Place, Pose
 STEP_M = 0.5  # Maximum length of a segment after division [m]
 PARTS_TO_A_STOP = 8  # Minimum number of parts into which a segment next to a cusp is divided [-]
 CURVE_STEP_M = 0.1  # Spacing of the arcs that approximate a curve [m]
-MAX_LENGTH_M = 50e3  # Maximum length of a course [m]
+MAX_LENGTH_M = 200e3  # Maximum length of a course, enough for 60 ha with a working width of 3 m [m]
 QUADRATURE = np.polynomial.legendre.leggauss(32)
 """Nodes and weights of a Gauss-Legendre rule, exact up to rounding for clothoids with heading changes up to 10 rad."""
 

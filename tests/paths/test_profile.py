@@ -79,6 +79,6 @@ def test_arcs_through_points_of_a_curve_follow_the_curve():
 
 
 def test_path_above_the_maximum_length_is_rejected():
-    with pytest.raises(ValueError, match="km long, more than 50 km"):
-        samples(60e3)
-    assert samples(49e3) < 110_000
+    with pytest.raises(ValueError, match="km long, more than 200 km"):
+        samples(210e3)
+    assert samples(199e3) < 110_000

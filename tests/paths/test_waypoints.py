@@ -133,7 +133,7 @@ FAULTS = {
         "".join(f"{k},0\n" for k in range(MAX_ROWS + 1)),
         f"has {MAX_ROWS + 1} waypoints, but the limit is {MAX_ROWS}",
     ),
-    "long": ("0,0\n90e3,0\n0,1\n", "km long, more than 50 km"),
+    "long": ("0,0\n90e3,0\n0,1\n90e3,2\n", "km long, more than 200 km"),
     "words": ("east-west,up\n0,0\n", "row 1: the file has no columns x and y, or lat and lon; did you mean"),
     "a column without a name": ("x,theta\n0,0\n", "row 1: the file has no columns x and y, or lat and lon"),
     "degrees": ("52.3,6.72\n52.30002,6.72003\n52.30004,6.72\n", "if the numbers are degrees, name"),
