@@ -1,4 +1,4 @@
-"""Recording of field work for the Rerun viewer: field boundary and, after the run, gaps and overlaps."""
+"""Recording of field work for the Rerun viewer: field boundary and, after the run, passes, gaps and overlaps."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -10,18 +10,22 @@ from shapely.geometry.base import BaseGeometry
 from agrobot_mj.core.palette import ORANGE, VERMILION, rgba
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.coverage import FieldCoverage
+from agrobot_mj.extensions.fields.raster import OUTSIDE, pass_map
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.recording import Recording
 from agrobot_mj.recording.world.names import REFERENCE
-from agrobot_mj.recording.world.outlines import send_outlines
+from agrobot_mj.recording.world.outlines import LIFT_M, send_grid, send_outlines
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log, Rows
 
+LEVEL_M = 0.05  # Maximum height difference of ground on which the horizontal map of passes is drawn [m]
+COLOURS = np.array([[101, 117, 67], [0, 158, 115], [230, 159, 0]], dtype=np.uint8)
+"""Colours (RGB) of cells without passes (grass), with one pass (`GREEN`), and with several passes (`ORANGE`)."""
 SMALLEST_M2 = 0.01  # Area below which a gap or an overlap is not drawn in a recording [m2]
 
 
 class WorkRecording(Recording):
-    """Rerun recording of a run with outlines of the field, gaps and overlaps."""
+    """Rerun recording of a run with outlines of the field, gaps and overlaps, and a map of passes on level ground."""
 
     def __init__(self, path: Path, field: BaseGeometry, covered: Callable[[Log], FieldCoverage]) -> None:
         super().__init__(path)
@@ -38,7 +42,17 @@ class WorkRecording(Recording):
         found = self.covered(log)
         self._send("missed", found.missed, rgba(VERMILION))
         self._send("overlapped", found.overlapped, rgba(ORANGE))
+        if self.recording:
+            self._send_passes(found)
         super().finish(log)
+
+    def _send_passes(self, found: FieldCoverage) -> None:
+        heights = self.scenario.terrain.ground().heights
+        if np.ptp(heights) <= LEVEL_M:
+            (cells, cell), (west, south, _, _) = pass_map(found), found.field.bounds
+            counts = np.where(cells == OUTSIDE, 0, cells.clip(max=len(COLOURS) - 1))
+            corner = west, south, float(heights.max()) + LIFT_M / 2
+            send_grid(self.stream, "passes", COLOURS[counts], corner, cell)
 
     def _send(self, name: str, area: BaseGeometry, colour: int) -> None:
         if self.recording and (rings := outlines(area)):

@@ -7,6 +7,7 @@ most a few centimetres at 500 m from the origin. Other maps are in metres east a
 
 from math import ceil
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -21,8 +22,15 @@ CELL_M, MOST_CELLS = 0.25, 2000  # Minimum size of a cell [m], and maximum numbe
 OUTSIDE = 255  # Value of cells outside the field
 
 
-def write_raster(path: Path, found: FieldCoverage, plane: Origin | None) -> None:
-    """Write the number of passes in each cell of a field map to a GeoTIFF file."""
+class PassMap(NamedTuple):
+    """Number of passes in each cell of a field map, or `OUTSIDE`; row 0 is in the north."""
+
+    cells: "np.ndarray[tuple[int, int], np.dtype[np.uint8]]"
+    cell: float  # Side length of a cell [m]
+
+
+def pass_map(found: FieldCoverage) -> PassMap:
+    """Return the number of passes in each cell of the bounding box of a field."""
     west, south, east, north = found.field.bounds
     cell = max(CELL_M, (east - west) / MOST_CELLS, (north - south) / MOST_CELLS)
     columns, rows = ceil((east - west) / cell), ceil((north - south) / cell)
@@ -32,7 +40,13 @@ def write_raster(path: Path, found: FieldCoverage, plane: Origin | None) -> None
         _count(counts, ground, x, y)
     inside = np.zeros_like(counts)
     _count(inside, found.field, x, y)
-    cells = np.where(inside > 0, counts.clip(max=OUTSIDE - 1), OUTSIDE).astype(np.uint8)
+    return PassMap(np.where(inside > 0, counts.clip(max=OUTSIDE - 1), OUTSIDE).astype(np.uint8), cell)
+
+
+def write_raster(path: Path, found: FieldCoverage, plane: Origin | None) -> None:
+    """Write the number of passes in each cell of a field map to a GeoTIFF file."""
+    west, south, east, north = found.field.bounds
+    cells, cell = pass_map(found)
     step, corner = (cell, cell), (west, north)
     if plane is not None:
         low, high = to_geodetic(plane, west, south), to_geodetic(plane, east, north)

@@ -246,7 +246,7 @@ def test_recording_shows_field_boundary_and_missed_areas(call, tmp_path):
     call("field", "run", str(boundary(tmp_path)), "--quiet", *short)
     chunks = RrdReader(str(tmp_path / "out" / "run.rrd")).stream().to_chunks()
     entities = {chunk.entity_path for chunk in chunks}
-    assert entities >= {"/world/areas/boundary", "/world/areas/missed", "/world/path"}
+    assert entities >= {"/world/areas/boundary", "/world/areas/missed", "/world/areas/passes", "/world/path"}
 
 
 @pytest.mark.usefixtures("single_ticks")
