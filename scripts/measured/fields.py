@@ -249,7 +249,7 @@ def _shares(part: dict[str, float]) -> tuple[float, float]:
 
 def guidance(study: Study) -> Blocks:
     """Return tables of overlapped and missed areas on four fields and in several conditions, by planned overlap."""
-    files, seeds = field_files(study), 5
+    files, seeds = field_files(study), 10
     pairs = [(place, "reference") for place in files] + [("rectangle", each) for each in CONDITIONS]
     cells = list(product(dict.fromkeys(pairs), FIELD_LAWS))
     jobs = [
