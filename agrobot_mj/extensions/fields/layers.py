@@ -49,9 +49,9 @@ class WorkRecording(Recording):
     def _send_passes(self, found: FieldCoverage) -> None:
         heights = self.scenario.terrain.ground().heights
         if np.ptp(heights) <= LEVEL_M:
-            (cells, cell), (west, south, _, _) = pass_map(found), found.field.bounds
+            (cells, cell), (west, _, _, north) = pass_map(found), found.field.bounds
             counts = np.where(cells == OUTSIDE, 0, cells.clip(max=len(COLOURS) - 1))
-            corner = west, south, float(heights.max()) + LIFT_M / 2
+            corner = west, north - cell * len(cells), float(heights.max()) + LIFT_M / 2
             send_grid(self.stream, "passes", COLOURS[counts], corner, cell)
 
     def _send(self, name: str, area: BaseGeometry, colour: int) -> None:
