@@ -18,9 +18,9 @@ BANNED = {
 """Constructions that docstrings of the package and the scripts must not contain, each with advice."""
 LONGEST_NAME = 70  # Maximum number of characters of a test name
 PARTICIPLE = r"^def (_?(?!embed\b|need\b|speed\b)[a-z]+ed)\("
-"""Functions of a module whose name is a bare participle."""
+"""Pattern of the definition of a module-level function whose name is a single past participle."""
 CONVENTIONAL = {"agrobot_mj/core/kernels.py", "agrobot_mj/extensions/bench/rig/figures.py"}
-"""Modules whose functions may have such names: markers of kernels, and functions that give figures their file names."""
+"""Modules excluded from this rule: decorators of compiled kernels, and functions whose names become file names."""
 
 
 def statements(node):
@@ -56,7 +56,7 @@ def test_docstrings_contain_no_banned_construction():
     ] == []
 
 
-def test_functions_are_not_named_by_a_bare_participle():
+def test_function_names_are_not_single_participles():
     assert [
         f"{file.relative_to(ROOT)}: {name}"
         for file in sorted((ROOT / "agrobot_mj").rglob("*.py"))

@@ -164,9 +164,9 @@ class SpeedLoop(Spec):
     sized: ClassVar = {key: {"speed": -1} for key in ("feedforward_s_m", "outer.kp", "outer.ki")}
 
     outer: Pid = Pid(kp=0.05, ki=0.1)
-    """Outer PID controller, from speed error [m/s] to pedal reference [-]. Assumed value."""
+    """Gains of the outer PID controller from speed error [m/s] to pedal reference [-]. Assumed values."""
     inner: Pid = Pid(kp=6.0)
-    """Inner PID controller, from pedal error [-] to valve voltage relative to neutral [V]. Assumed value."""
+    """Gains of the inner PID controller from pedal error [-] to voltage relative to neutral [V]. Assumed values."""
     feedforward_s_m: NonNegative = 0.2
     """Feed-forward pedal position divided by the speed reference [s/m]; 0.2 is full pedal at 5 m/s. Assumed value:
     without feed-forward, the required PID gains cause speed oscillation on compliant tyres."""
@@ -222,7 +222,7 @@ class SteeringLoop(AngleLoop):
 
     kind: Literal["pid"] = "pid"
     pid: Pid = Pid(kp=20.0, ki=3.0, kd=2.0, derivative_filter_s=0.05)
-    """PID controller, from angle error [rad] to valve voltage relative to neutral [V]. The gains are assumed values."""
+    """Gains of the PID controller from angle error [rad] to valve voltage relative to neutral [V]. Assumed values."""
     deadband_compensation_v: NonNegative = 0.3
     """Voltage that compensates the valve's dead band [V]. Assumed value, below the dead band to avoid limit cycles."""
     tolerance_deg: Positive = 0.1

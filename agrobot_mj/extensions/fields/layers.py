@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from agrobot_mj.core.palette import ORANGE, VERMILION, rgba
+from agrobot_mj.core.palette import GREEN, ORANGE, VERMILION, rgba
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.coverage import FieldCoverage
 from agrobot_mj.extensions.fields.raster import OUTSIDE, pass_map
@@ -19,8 +19,9 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log, Rows
 
 LEVEL_M = 0.05  # Maximum height difference of ground on which the horizontal map of passes is drawn [m]
-COLOURS = np.array([[101, 117, 67], [0, 158, 115], [230, 159, 0]], dtype=np.uint8)
-"""Colours (RGB) of cells without passes (grass), with one pass (`GREEN`), and with several passes (`ORANGE`)."""
+GRASS = "#657543"  # Colour of cells without passes, close to the colour of the ground
+COLOURS = np.array([list(rgba(colour).to_bytes(4, "big")[:3]) for colour in (GRASS, GREEN, ORANGE)], dtype=np.uint8)
+"""Colours (RGB) of cells without passes, with one pass, and with several passes."""
 SMALLEST_M2 = 0.01  # Area below which a gap or an overlap is not drawn in a recording [m2]
 
 

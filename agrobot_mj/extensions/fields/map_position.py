@@ -33,19 +33,20 @@ def with_map_origin(field: Field, overrides: Mapping[str, Any]) -> tuple[dict[st
             return given, ""  # a message about the file follows when it is read
     if field.plane is None or not system:
         return given, f"the middle of {name} is at the origin of the field; set {ORIGIN} for the true position"
-    east, north = _map_coordinates(system, field.plane, 0.0)
-    above = _map_coordinates(system, field.plane, NORTH_M)
+    (east, east_above), (north, north_above) = _map_coordinates(system, field.plane, (0.0, NORTH_M))
     given[ORIGIN] = [round(east, 3), round(north, 3)]
     note = f"the origin of the field is at ({east:.1f}, {north:.1f}) m in {system}, the system of {name}"
-    if abs(turned := degrees(atan2(above[0] - east, above[1] - north))) > ROTATED_DEG:
+    if abs(turned := degrees(atan2(east_above - east, north_above - north))) > ROTATED_DEG:
         note += f"; its grid is turned by {turned:.1f} deg, which is ignored"
     return given, note
 
 
-def _map_coordinates(system: str, plane: Origin, north: float) -> tuple[float, float]:
-    """Return the map position (easting, northing) [m] of a point `north` [m] of the origin of a plane."""
+def _map_coordinates(system: str, plane: Origin, norths: tuple[float, ...]) -> tuple[list[float], list[float]]:
+    """Return eastings and northings [m] in a map of the points that are `norths` [m] north of the origin of a local
+    plane."""
     from pyproj import Transformer
 
-    latitude, longitude = to_geodetic(plane, 0.0, north)
-    east, northing = Transformer.from_crs(DEGREES, system, always_xy=True).transform(longitude, latitude)
-    return float(east), float(northing)
+    latitudes, longitudes = zip(*(to_geodetic(plane, 0.0, north) for north in norths), strict=True)
+    transformer = Transformer.from_crs(DEGREES, system, always_xy=True)
+    eastings, northings = transformer.transform(list(longitudes), list(latitudes))
+    return eastings, northings

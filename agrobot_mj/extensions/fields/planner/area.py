@@ -13,7 +13,7 @@ from agrobot_mj.extensions.fields.plan import Plan
 from agrobot_mj.extensions.fields.planner.laps import Ring, offset, rings, smooth_ring
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine, implement_boxes, tractor_boxes, tractor_poses
 from agrobot_mj.paths.arc import Pose
-from agrobot_mj.paths.track import Course, Piece, chain
+from agrobot_mj.paths.track import Piece, chain
 
 TOLERANCE_M = 0.05  # Permitted distance of the machine beyond the boundary, for rounded corners and coordinates [m]
 SWING_M = 0.3
@@ -40,10 +40,8 @@ class Area:
     def _inner_body(self) -> BaseGeometry:
         return offset(self.body, self.rig.width / 2)
 
-    def outside(self, course: Course) -> Array:
-        """Return the distances of tractor and implement beyond the boundary at the n joints of a divided course, shape
-        (2, n) [m]."""
-        x, y, yaw = tractor_poses(course, self.rig.cg_to_rear_axle)
+    def outside(self, x: Array, y: Array, yaw: Array) -> Array:
+        """Return the distances of tractor and implement beyond the boundary for n CG poses, shape (2, n) [m]."""
         behind = self.rig.behind
         bar = x - behind * np.cos(yaw), y - behind * np.sin(yaw), yaw
         boxes = np.stack([tractor_boxes(self.rig, x, y, yaw), implement_boxes(self.rig, *bar)])
@@ -58,10 +56,9 @@ class Area:
         boundary, and length inside the headland laps."""
         if not any(piece.length > 1e-9 for piece in pieces):
             return 0.0, 0.0
-        course = chain(start, pieces).divided()
-        x, y, _ = course.joints()
+        x, y, yaw = tractor_poses(chain(start, pieces).divided(), self.rig.cg_to_rear_axle)
         across = shapely.LineString(np.column_stack([x, y])).intersection(self._inner_body).length
-        return float(self.excess(self.outside(course)).max()), float(across)
+        return float(self.excess(self.outside(x, y, yaw)).max()), float(across)
 
     def excess(self, outside: Array) -> Array:
         """Return the excess of `outside` (2, n) over the permitted distance beyond the boundary, shape (n,) [m].

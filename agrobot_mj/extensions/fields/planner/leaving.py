@@ -11,6 +11,7 @@ import numpy as np
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.plan import PlannedPass
 from agrobot_mj.extensions.fields.planner.area import Area
+from agrobot_mj.extensions.fields.planner.rig import tractor_poses
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.track import Piece, chain
 
@@ -71,8 +72,8 @@ def leaving(area: Area, start: Pose, pieces: Sequence[Piece], passes: Sequence[P
     The passes `passes` determine which points belong to headland laps.
     """
     course = chain(start, pieces).divided()
-    x, y, _ = course.joints()
-    outside, s = area.outside(course), course.distances()
+    x, y, yaw = tractor_poses(course, area.rig.cg_to_rear_axle)
+    outside, s = area.outside(x, y, yaw), course.distances()
     in_lap = np.zeros(len(x), dtype=bool)
     for one in passes:
         if one.part == "headland":

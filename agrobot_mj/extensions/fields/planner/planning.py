@@ -31,7 +31,6 @@ LAP_STARTS = 24  # Number of evaluated points of a ring at which a lap may start
 DEFAULT_HEADLANDS = 2  # Default number of headland laps, which is increased if the turns need more space
 TRIES = 6  # Maximum number of further attempts with additional laps, or with the margin that laps need
 WIDER = 3  # Maximum number of attempts with a margin for turns
-SMALLER = "a smaller --radius or --width"
 MARGIN_STEP_M = 0.02  # Amount added to an excess distance beyond the boundary to obtain the increase of the margin [m]
 CLOSE_M = 1e-3  # Distance below which two poses count as equal [m]
 GOALS_TRIED = 6  # Number of possible starts of the next pass, nearest first, to which connections are computed
@@ -201,9 +200,9 @@ class _Attempt(NamedTuple):
 def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
     """Return the plan of a field. Raise `ScenarioError` if no plan stays inside the field.
 
-    If the number of laps is not given, laps are added until the turns stay inside the field; without reversing, the
-    first attempt has space for the turns between adjacent swaths. If the machine extends too
-    far beyond the boundary on laps, or more laps do not help, a margin moves the outermost lap inwards.
+    If the number of laps is not given, laps are added until the turns stay inside the field. Without reversing, the
+    first attempt has space for the turns between adjacent swaths. If the machine extends too far beyond the boundary on
+    laps, or more laps do not help, a margin moves the outermost lap inwards.
     """
     if rig.forward_only and options.turn == "k":
         raise ScenarioError(
@@ -215,7 +214,11 @@ def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
     last = tried[-1]
     if not last.inside or (options.headlands is not None and last.laps > first):
         worst = next((each for each in tried if each.work.leaving.turns), tried[0]).work.leaving
-        remedy = f"at least {last.laps} laps ({last.laps * rig.spacing:g} m)" if last.inside else SMALLER
+        remedy = (
+            f"at least {last.laps} laps ({last.laps * rig.spacing:g} m)"
+            if last.inside
+            else "a smaller --radius or --width"
+        )
         raise ScenarioError(
             f"--headlands {first}: the machine would leave the field by {worst.largest} in its turns; use {remedy}, "
             "or allow this distance with --beyond"
