@@ -107,7 +107,7 @@ def _prepare(store: Store, options: SweepOptions, part: range) -> None:
     folder, plan, whole = store.folder, store.plan, options.shard == (1, 1)
     check_folder(folder, store.names)
     if options.fresh or read_plan(folder) is None or store.changed:
-        title = f"{plan.sweep.name}: checking {plan.combinations:,} combinations"
+        title = f"{plan.sweep.name}: checking {plan.checks:,} combinations"
         with tally(title, plan.checks, quiet=options.quiet) as advance:
             plan.check(advance)
     with _full_disk_told(store), nullcontext() if whole else results(folder, store.names, shared=True):
