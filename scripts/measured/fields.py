@@ -49,7 +49,9 @@ FORWARD_LAWS = ("feedforward", "kinematic")
 """Laws that do not follow a path in reverse; their plans of fields have no reverse segments."""
 WIDTHS_M = {"riding": 1.5, "robot": 2.0, "orchard": 2.5, "compact": 3.0, "utility": 4.0, "row_crop": 6.0}
 """Working width of each machine in the table of machines [m]. Assumed values."""
-ALL_LAWS = ("lqr", "nmpc", "stanley", "pure_pursuit", "feedforward", "kinematic")
+COMPACT_LAWS = ("nmpc", "eso", "ilc", "implement_ilc", "learned_feedforward")
+"""Laws of the table of machines that only the compact tractor uses: a slow law, and laws that contain another law."""
+ALL_LAWS = ("lqr", "stanley", "pure_pursuit", "feedforward", "kinematic", *COMPACT_LAWS)
 VALVES: dict[str, Keys] = {
     "new": (),
     "worn": (("steering.valve.dead_band_v", 0.8),),
@@ -302,10 +304,14 @@ def field_files(study: Study) -> dict[str, str]:
 
 
 def machines(study: Study) -> Blocks:
-    """Return a table of all machines and laws, except the slow law `nmpc` on other machines than the compact tractor:
-    maximum distance beyond the boundary on each field."""
+    """Return a table of all machines and laws, with `COMPACT_LAWS` on the compact tractor only: maximum distance beyond
+    the boundary on each field."""
     files = field_files(study)
-    pairs = [(machine, law) for machine, law in product(WIDTHS_M, ALL_LAWS) if law != "nmpc" or machine == "compact"]
+    pairs = [
+        (machine, law)
+        for machine, law in product(WIDTHS_M, ALL_LAWS)
+        if machine == "compact" or law not in COMPACT_LAWS
+    ]
     jobs = [
         (
             Drive(place, "reference", machine, law, 1, (), WIDTHS_M[machine], (("machine", machine),)),
