@@ -1,31 +1,43 @@
-"""Position of a field in the map of its elevation model."""
+"""Elevation model of a field: recorded heights in its folder, and position of the field in the map of a model."""
 
 from collections.abc import Mapping
 from math import atan2, degrees
 from pathlib import Path
 from typing import Any
 
-from agrobot_mj.core.geodesy import Origin, to_geodetic
+from agrobot_mj.core.geodesy import Origin, to_geodetic, to_local
+from agrobot_mj.core.resources import stamp_of
 from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.paths.imports.shapes import DEGREES
+from agrobot_mj.terrain import Heightmap
+from agrobot_mj.terrain.elevation import read_elevation
+from agrobot_mj.terrain.files import MOST_BYTES
 from agrobot_mj.terrain.geotiff import map_system
 
-ORIGIN, FILE = "terrain.map_origin_m", "terrain.file"
+KIND, ORIGIN, FILE = "terrain.kind", "terrain.map_origin_m", "terrain.file"
 ROTATED_DEG = 0.5  # Angle between grid north and north above which a note states the angle [deg]
 NORTH_M = 100.0  # Distance north of the origin from which the direction of grid north is computed [m]
 
 
-def with_map_origin(field: Field, overrides: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
-    """Return overrides in which `terrain.map_origin_m` is the position of the field's origin in the map of the
-    elevation model, and a note, or an empty note if the overrides are unchanged.
+def with_terrain(field: Field, overrides: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
+    """Return overrides with the elevation model of a field and with `terrain.map_origin_m`, the position of the field's
+    origin in the map of this model, and a note, or an empty note.
 
-    The map system is that of the field or, for a field in degrees, of the GeoTIFF.
+    Without `terrain.kind`, the model is the `Elevation.txt` in the folder of the field, unless this file is unusable.
     """
-    given = dict(overrides)
+    given, heights = dict(overrides), field.elevation
+    if heights is not None and not given.keys() & {"terrain", KIND, FILE}:
+        try:
+            Heightmap(file=str(heights.absolute())).ground()
+        except ValueError as error:
+            return given, f"the ground is level, because of {str(error).removeprefix('file: ')}"
+        given |= {KIND: "heightmap", FILE: str(heights.absolute())}
     file = given.get(FILE)
-    if not isinstance(file, str) or ORIGIN in given or Path(file).suffix.lower() not in (".tif", ".tiff", ".asc"):
+    if not isinstance(file, str) or ORIGIN in given or Path(file).suffix.lower() not in (".tif", ".tiff", ".asc", ".txt"):
         return given, ""
     name, system = Path(file).name, field.crs if field.crs != DEGREES else ""
+    if Path(file).suffix.lower() == ".txt":
+        return _in_local_plane(field, given, file), ""
     if not system and Path(file).suffix.lower() != ".asc":
         try:
             system = map_system(Path(file))
@@ -39,6 +51,17 @@ def with_map_origin(field: Field, overrides: Mapping[str, Any]) -> tuple[dict[st
     if abs(turned := degrees(atan2(east_above - east, north_above - north))) > ROTATED_DEG:
         note += f"; its grid is turned by {turned:.1f} deg, which is ignored"
     return given, note
+
+
+def _in_local_plane(field: Field, given: dict[str, Any], file: str) -> dict[str, Any]:
+    """Return the overrides `given` with the position of the field's origin relative to the start fix in an
+    Elevation.txt."""
+    try:
+        origin = read_elevation(stamp_of(file, (), MOST_BYTES)).origin
+    except ValueError:
+        return given  # a message about the file follows when it is read
+    place = field.shift if field.plane is None else to_local(origin, *field.plane)
+    return {**given, ORIGIN: [round(axis, 3) for axis in place]}
 
 
 def _map_coordinates(system: str, plane: Origin, norths: tuple[float, ...]) -> tuple[list[float], list[float]]:

@@ -18,7 +18,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.field import Field, Leg
 from agrobot_mj.extensions.fields.legs import legs_of
 from agrobot_mj.extensions.fields.repair import boundary_polygon, inner_polygons, without
-from agrobot_mj.extensions.fields.sources import field_shapes, plan_shapes
+from agrobot_mj.extensions.fields.sources import elevation_file, field_shapes, plan_shapes
 from agrobot_mj.paths.imports import LocalShapes, Polyline, ShapeFile, local_shapes
 from agrobot_mj.paths.imports.plane import FAR_M
 
@@ -52,7 +52,7 @@ def read_field(path: Path, crs: str = "", name: str = "") -> Field:
         field = _field(local, label, notes)
         if middle := _middle(field, file):
             field = _field(local_shapes(file, crs, middle), label, notes)
-        return field
+        return replace(field, elevation=elevation_file(path))
     except ValueError as error:
         raise ScenarioError(f"{path.name}: {error}") from None
 

@@ -8,7 +8,7 @@ from shapely import box
 
 from agrobot_mj.core.geodesy import Origin
 from agrobot_mj.extensions.fields.field import Field
-from agrobot_mj.extensions.fields.map_position import FILE, ORIGIN, with_map_origin
+from agrobot_mj.extensions.fields.map_position import FILE, ORIGIN, with_terrain
 from agrobot_mj.terrain.geotiff import GEO_KEYS
 
 GRID, PLACE = 32632, Origin(52.3, 9.0)  # on the central meridian of the grid, with the easting 500 km
@@ -30,7 +30,7 @@ def field(plane=PLACE, crs="EPSG:4326"):
 
 def test_field_in_degrees_gets_its_position_in_the_map_of_a_geotiff(tmp_path):
     pytest.importorskip("pyproj")
-    given, note = with_map_origin(field(), dem(tmp_path))
+    given, note = with_terrain(field(), dem(tmp_path))
     assert given[ORIGIN] == pytest.approx([500_000.0, NORTHING], abs=0.01)
     assert (
         note
@@ -40,13 +40,13 @@ def test_field_in_degrees_gets_its_position_in_the_map_of_a_geotiff(tmp_path):
 
 def test_field_in_a_national_grid_gets_its_position_in_this_grid(tmp_path):
     pytest.importorskip("pyproj")
-    given, _ = with_map_origin(field(crs="EPSG:32632"), {FILE: str(tmp_path / "dem.asc")})
+    given, _ = with_terrain(field(crs="EPSG:32632"), {FILE: str(tmp_path / "dem.asc")})
     assert given[ORIGIN] == pytest.approx([500_000.0, NORTHING], abs=0.01)
 
 
 def test_note_states_the_rotation_of_the_grid(tmp_path):
     pytest.importorskip("pyproj")
-    _, note = with_map_origin(field(Origin(52.3, 11.5)), dem(tmp_path))
+    _, note = with_terrain(field(Origin(52.3, 11.5)), dem(tmp_path))
     # meridian convergence: difference of longitude times sin(latitude)
     assert f"turned by {2.5 * np.sin(np.radians(52.3)):.1f} deg" in note.replace("-", "")
 
@@ -54,7 +54,7 @@ def test_note_states_the_rotation_of_the_grid(tmp_path):
 @pytest.mark.parametrize(("plane", "code"), [(None, GRID), (PLACE, 32767)])
 def test_unknown_map_position_of_a_field_is_reported(tmp_path, plane, code):
     given = dem(tmp_path, code)
-    assert with_map_origin(field(plane), given) == (
+    assert with_terrain(field(plane), given) == (
         given,
         "the middle of dem.tif is at the origin of the field; set terrain.map_origin_m for the true position",
     )
@@ -62,4 +62,4 @@ def test_unknown_map_position_of_a_field_is_reported(tmp_path, plane, code):
 
 @pytest.mark.parametrize("given", [{}, {FILE: "dem.npy"}, {FILE: "dem.tif", ORIGIN: [1.0, 2.0]}, {FILE: "none.tif"}])
 def test_other_overrides_are_unchanged(given):
-    assert with_map_origin(field(), given) == (given, "")
+    assert with_terrain(field(), given) == (given, "")
