@@ -19,6 +19,7 @@ import numpy as np
 from agrobot_mj.core.geodesy import Origin, local_points
 from agrobot_mj.core.resources import Stamp, refuse
 from agrobot_mj.core.signals import Array
+from agrobot_mj.terrain.grid import Ground
 
 RTK = 4  # Quality of a fix with fixed ambiguities in GGA messages
 CELL_M, MARGIN_M, MOST_CELLS = 2.0, 200.0, 400_000
@@ -32,7 +33,7 @@ Assumed values (ranges 10-40, 100-500)."""
 FAR_M = 5000.0  # Maximum distance of a point from the median point [m]
 OUTLYING, LEAST_M, CAUCHY, ROUNDS = 5.0, 0.3, 2.385, 5
 """Minimum residual of an outlier divided by the standard deviation [-], and in metres; scale of the Cauchy weights
-[HollandWelsch1977], and number of weighted fits [-]."""
+for an efficiency of 95 %, and number of weighted fits [-]."""
 FINEST_M = 0.1  # Minimum standard deviation in the Cauchy weights [m], above which a narrow bank is an outlier
 MOST_AT_ONCE = 100_000  # Maximum number of points that are evaluated together, to limit the use of memory
 FEWEST, NARROWEST_M = 10, 3.0
@@ -41,11 +42,9 @@ HEADS = ("latitude", "longitude", "elevation")  # Names of the first columns, in
 
 
 class Elevation(NamedTuple):
-    """Height grid fitted to recorded points, with row 0 in the south."""
+    """Ground fitted to recorded points."""
 
-    heights: Array  # Heights of the nodes [m], shape (rows, columns)
-    cell: float  # Distance between nodes [m]
-    corner: tuple[float, float]  # Position of the south-west node, east and north of the start fix [m]
+    ground: Ground  # Ground whose coordinates are east and north of the start fix [m]
     origin: Origin  # Start fix of the file
     notes: tuple[str, ...]  # Sentence about the omitted rows and about the grid
 
@@ -125,10 +124,7 @@ def _fit(origin: Origin, rows: Array, damaged: int) -> Elevation:
     points, heights = points[near], heights[near]
     if np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1] < NARROWEST_M * sqrt(len(points)):
         raise ValueError("the points are on one line, so the slope across is unknown; record several passes")
-    surface, good = _surface(points, heights)
-    low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
-    cell = max(CELL_M, sqrt(float(np.prod(high - low)) / MOST_CELLS))
-    x, y = (np.arange(a, b + cell, cell) for a, b in zip(low, high, strict=True))
+    grid, good = interpolate(points, heights)
     omitted = {
         "damaged": damaged,
         "without an RTK fix": len(rows) - len(fixed),
@@ -137,8 +133,16 @@ def _fit(origin: Origin, rows: Array, damaged: int) -> Elevation:
     }
     left = ", ".join(f"{count} {reason}" for reason, count in omitted.items() if count)
     note = f"heights are interpolated from {good.sum()} of {damaged + len(rows)} points" + f" ({left})" * bool(left)
-    corner = float(x[0]), float(y[0])
-    return Elevation(surface.grid(x, y), cell, corner, origin, (f"{note}, with a cell size of {cell:.3g} m",))
+    return Elevation(grid, origin, (f"{note}, with a cell size of {grid.spacing:.3g} m",))
+
+
+def interpolate(points: Array, heights: Array) -> tuple[Ground, "np.ndarray[Any, np.dtype[np.bool_]]"]:
+    """Return the ground through points of shape (n, 2) [m] with `heights` [m], and which points are no outliers."""
+    surface, good = _surface(points, heights)
+    low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
+    cell = max(CELL_M, sqrt(float(np.prod(high - low)) / MOST_CELLS))
+    x, y = (np.arange(a, b + cell, cell) for a, b in zip(low, high, strict=True))
+    return Ground(float(x[0]), float(y[0]), cell, surface.grid(x, y)), good
 
 
 class _Spline(NamedTuple):
@@ -178,7 +182,7 @@ class _Spline(NamedTuple):
         return found
 
 
-def _surface(points: Array, heights: Array) -> tuple[_Spline, Any]:
+def _surface(points: Array, heights: Array) -> tuple[_Spline, "np.ndarray[Any, np.dtype[np.bool_]]"]:
     """Return the spline through points of shape (n, 2) [m], and which points are no outliers, shape (n,)."""
     middle = float(np.median(heights))
     places, values = _cell_medians(points, heights - middle)

@@ -156,7 +156,8 @@ def _read_tiff(path: Path) -> Sheet:
 
 def _read_elevation(path: Path) -> Sheet:
     found = read_elevation(stamp_of(str(path), (), MOST_BYTES))
-    return Sheet(found.heights, found.cell, corner=found.corner, local=True, notes=found.notes)
+    ground = found.ground
+    return Sheet(ground.heights, ground.spacing, corner=(ground.x0, ground.y0), local=True, notes=found.notes)
 
 
 def _text(path: Path, size: int = -1) -> list[str]:

@@ -1,18 +1,21 @@
-"""Elevation model of a field: recorded heights in its folder, and position of the field in the map of a model."""
+"""Elevation model of a field: heights in its files, and position of the field in the map of the model."""
 
 from collections.abc import Mapping
 from math import atan2, degrees
 from pathlib import Path
 from typing import Any
 
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.geodesy import Origin, to_geodetic, to_local
 from agrobot_mj.core.resources import stamp_of
+from agrobot_mj.extensions.fields.drive import planning_scenario
 from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.paths.imports.shapes import DEGREES
 from agrobot_mj.terrain import Heightmap
-from agrobot_mj.terrain.elevation import read_elevation
+from agrobot_mj.terrain.elevation import interpolate, read_elevation
 from agrobot_mj.terrain.files import MOST_BYTES
 from agrobot_mj.terrain.geotiff import map_system
+from agrobot_mj.terrain.grid import Ground
 
 KIND, ORIGIN, FILE = "terrain.kind", "terrain.map_origin_m", "terrain.file"
 ROTATED_DEG = 0.5  # Angle between grid north and north above which a note states the angle [deg]
@@ -51,6 +54,23 @@ def with_terrain(field: Field, overrides: Mapping[str, Any]) -> tuple[dict[str, 
     if abs(turned := degrees(atan2(east_above - east, north_above - north))) > ROTATED_DEG:
         note += f"; its grid is turned by {turned:.1f} deg, which is ignored"
     return given, note
+
+
+def ground_of(field: Field, given: Mapping[str, Any]) -> tuple[Ground | None, tuple[str, ...]]:
+    """Return the ground of a field, or None if its heights are unknown, and notes about the heights.
+
+    The ground is the terrain in `given`, a result of `with_terrain`, or else the ground through the boundary. Raise
+    `ScenarioError` for an invalid terrain.
+    """
+    if any(key.partition(".")[0] == "terrain" for key in given):
+        terrain = planning_scenario(field.name, {}, given).terrain
+        try:
+            return terrain.ground(), terrain.notes
+        except ValueError as error:
+            raise ScenarioError(f"terrain.{error}") from None
+    if field.heights is None:
+        return None, ()
+    return interpolate(field.heights[:, :2], field.heights[:, 2])[0], ("the slope is computed from the boundary",)
 
 
 def _in_local_plane(field: Field, given: dict[str, Any], file: str) -> dict[str, Any]:

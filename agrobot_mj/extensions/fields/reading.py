@@ -149,7 +149,14 @@ def _field(local: LocalShapes, name: str, notes: list[str]) -> Field:
     return Field(
         *(name, worked, tuple(obstacles), local.origin, (*notes, *said, *more), headland, local.crs),
         shift=local.shift,
+        heights=_heights(local.shapes[0]),
     )
+
+
+def _heights(ring: Polyline) -> Array | None:
+    """Return the points of a ring with their heights, shape (n, 3) [m], or None if all heights are equal."""
+    heights = ring.columns.get("height", np.zeros(1))
+    return np.column_stack([ring.points, heights]) if np.ptp(heights) > 0 else None
 
 
 def _middle(field: Field, file: ShapeFile) -> LocalShapes | None:

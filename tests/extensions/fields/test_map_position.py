@@ -2,13 +2,18 @@
 
 import numpy as np
 import pytest
+from field_texts import ORIGIN as ORIGIN_OF_TEXTS
+from field_texts import aog, elevation
 from PIL import Image, TiffImagePlugin
 from scipy.integrate import quad
 from shapely import box
 
-from agrobot_mj.core.geodesy import Origin
+from agrobot_mj.core.geodesy import Origin, metres_per_latitude
 from agrobot_mj.extensions.fields.field import Field
-from agrobot_mj.extensions.fields.map_position import FILE, ORIGIN, with_terrain
+from agrobot_mj.extensions.fields.map_position import FILE, KIND, ORIGIN, ground_of, with_terrain
+from agrobot_mj.extensions.fields.reading import read_field
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.terrain import height_and_gradient
 from agrobot_mj.terrain.geotiff import GEO_KEYS
 
 GRID, PLACE = 32632, Origin(52.3, 9.0)  # on the central meridian of the grid, with the easting 500 km
@@ -63,3 +68,29 @@ def test_unknown_map_position_of_a_field_is_reported(tmp_path, plane, code):
 @pytest.mark.parametrize("given", [{}, {FILE: "dem.npy"}, {FILE: "dem.tif", ORIGIN: [1.0, 2.0]}, {FILE: "none.tif"}])
 def test_other_overrides_are_unchanged(given):
     assert with_terrain(field(), given) == (given, "")
+
+
+def test_recorded_heights_in_the_folder_are_the_terrain_of_a_field(tmp_path):
+    start = Origin(ORIGIN_OF_TEXTS.latitude + 0.001, ORIGIN_OF_TEXTS.longitude)
+    elevation(aog(tmp_path / "farm"), lambda x, y: 20.0 + 0.05 * x - 0.03 * y, origin=start)
+    given, note = with_terrain(read_field(tmp_path / "farm"), {"machine": "row_crop"})
+    assert (given[KIND], given["machine"], note) == ("heightmap", "row_crop", "")
+    # the origin of the field is 0.001 deg south of the start fix of the heights
+    assert given[ORIGIN] == pytest.approx([0.0, -metres_per_latitude(start.latitude) / 1000], abs=0.001)
+    ground = ground_of(read_field(tmp_path / "farm"), given)[0]
+    for x, y in ((0.0, 0.0), (100.0, -50.0)):
+        assert height_and_gradient(ground, x, y) == pytest.approx((20.0 + 0.05 * x - 0.03 * y, 0.05, -0.03), abs=0.02)
+
+
+@pytest.mark.parametrize("given", [{KIND: "flat"}, {KIND: "slope"}, {"terrain": {"kind": "flat"}}])
+def test_given_terrain_replaces_recorded_heights(tmp_path, given):
+    elevation(aog(tmp_path / "farm"), lambda x, y: 0.05 * x)
+    assert with_terrain(read_field(tmp_path / "farm"), given) == (given, "")
+
+
+def test_scenario_of_a_plan_reads_a_copy_of_the_recorded_heights(tmp_path, call):
+    folder = elevation(aog(tmp_path / "farm"), lambda x, y: 0.05 * x)
+    assert call("field", "plan", folder, "--width", "12", "--out", tmp_path / "plan")[0] == 0
+    (folder / "Elevation.txt").unlink()
+    ground = load_scenario(str(tmp_path / "plan" / "scenario.toml")).terrain.ground()
+    assert height_and_gradient(ground, 10.0, 20.0) == pytest.approx((0.5, 0.05, 0.0), abs=0.02)
