@@ -10,6 +10,7 @@ start fix in the file.
 """
 
 from functools import lru_cache
+from itertools import pairwise
 from math import pi, sqrt
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -73,7 +74,7 @@ def _start_fix(head: list[str]) -> Origin:
     """Return the start fix in the rows above the points: rows StartLat and StartLon, or the row after StartFix."""
     words = [line.strip().split(",") for line in head]
     named = {line[0]: line[1] for line in words if len(line) == 2 and line[0] in ("StartLat", "StartLon")}
-    after = next((line for before, line in zip(words, words[1:], strict=False) if before == ["StartFix"]), [])
+    after = next((line for before, line in pairwise(words) if before == ["StartFix"]), [])
     try:
         latitude, longitude = (float(cell) for cell in (list(named.values()) or after))
     except ValueError:

@@ -35,7 +35,8 @@ class Heightmap(Tilted):
     """Distance between nodes of a .npy or .png file [m]. Default: 1. Other file types contain the distance."""
     map_origin_m: tuple[Coordinate, Coordinate] | None = None
     """Easting and northing of the point x = y = 0 on the map of an .asc or .tif file [m]. Subtract the same numbers
-    from a path surveyed on this map. Default: x = y = 0 is the centre of the grid, or the start fix of Elevation.txt."""
+    from a path surveyed on this map. Default: x = y = 0 is the centre of the grid, or the start fix of
+    Elevation.txt."""
     rectangular: bool = False
     """Whether a .npy or .png file may have different numbers of rows and columns. Default: only square grids."""
 

@@ -162,6 +162,6 @@ HEADS = {
 @pytest.mark.parametrize("name", HEADS)
 def test_unusable_head_is_rejected_with_the_fix(tmp_path, name):
     head, message = HEADS[name]
-    with pytest.raises(ValueError, match="Elevation.txt") as error:
+    with pytest.raises(ValueError, match=r"Elevation\.txt") as error:
         Heightmap(file=file(tmp_path, rows(passes(plane)), head)).ground()
     assert message in str(error.value)

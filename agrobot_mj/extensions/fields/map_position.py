@@ -26,17 +26,23 @@ def with_terrain(field: Field, overrides: Mapping[str, Any]) -> tuple[dict[str, 
     """Return overrides with the elevation model of a field and with `terrain.map_origin_m`, the position of the field's
     origin in the map of this model, and a note, or an empty note.
 
-    Without `terrain.kind`, the model is the `Elevation.txt` in the folder of the field, unless this file is unusable.
+    Without `terrain.kind`, the model is the `Elevation.txt` in the folder of the field, unless this file is unusable or
+    the plant supports only level ground.
     """
     given, heights = dict(overrides), field.elevation
-    if heights is not None and not given.keys() & {"terrain", KIND, FILE}:
+    level = given.get("plant.kind") == "bicycle"
+    if heights is not None and not level and not given.keys() & {"terrain", KIND, FILE}:
         try:
             Heightmap(file=str(heights.absolute())).ground()
         except ValueError as error:
             return given, f"the ground is level, because of {str(error).removeprefix('file: ')}"
         given |= {KIND: "heightmap", FILE: str(heights.absolute())}
     file = given.get(FILE)
-    if not isinstance(file, str) or ORIGIN in given or Path(file).suffix.lower() not in (".tif", ".tiff", ".asc", ".txt"):
+    if (
+        not isinstance(file, str)
+        or ORIGIN in given
+        or Path(file).suffix.lower() not in (".tif", ".tiff", ".asc", ".txt")
+    ):
         return given, ""
     name, system = Path(file).name, field.crs if field.crs != DEGREES else ""
     if Path(file).suffix.lower() == ".txt":

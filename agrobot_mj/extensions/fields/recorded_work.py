@@ -51,7 +51,9 @@ def recorded_strips(file: Path) -> list[BaseGeometry]:
     except (ValueError, OSError) as error:
         raise ScenarioError(f"{file.name}: {error}") from None
     if not (found := [each for each in strips if each.area > 0]):
-        raise ScenarioError(f"{file.name}: the file contains no worked area; work with sections on, then save the field")
+        raise ScenarioError(
+            f"{file.name}: the file contains no worked area; work with sections on, then save the field"
+        )
     return found
 
 

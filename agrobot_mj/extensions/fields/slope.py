@@ -41,7 +41,8 @@ def relief_of(boundary: Polygon, ground: Ground, notes: tuple[str, ...] = ()) ->
     slopes = np.gradient(found, step)
     shapely.prepare(boundary)
     inside = shapely.intersects_xy(boundary, grid_x, grid_y)
-    return Relief(x, y, *(np.where(inside, values, np.nan) for values in (found, slopes[1], slopes[0])), notes)
+    height, to_east, to_north = (np.where(inside, values, np.nan) for values in (found, slopes[1], slopes[0]))
+    return Relief(x, y, height, to_east, to_north, notes)
 
 
 def slope_numbers(relief: Relief) -> dict[str, Any]:

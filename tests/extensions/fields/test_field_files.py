@@ -233,3 +233,26 @@ def test_largest_field_of_a_file_is_used_unless_a_name_is_specified(tmp_path):
         match=r"farm\.geojson: the file has no field 'Sout'; did you mean 'South'\? \(available: South, North",
     ):
         read_field(tmp_path / "farm.geojson", name="Sout")
+
+
+@pytest.mark.parametrize("name", ["fiboa.json", "taskdata.xml"])
+@pytest.mark.parametrize("hectares", [4.54, 4.5])
+def test_swapped_degrees_are_found_by_the_area_in_the_file(tmp_path, name, hectares):
+    swapped = [place[::-1] for place in degrees(RING)]
+    content = geojson(feature(swapped, area=hectares), fiboa_version="0.3.0")
+    if name == "taskdata.xml":
+        ring = "".join(f'<PNT A="2" C="{y:.9f}" D="{x:.9f}"/>' for x, y in swapped)
+        content = f'<ISO11783_TaskData><PFD A="PFD1" C="North" D="{1e4 * hectares:.0f}"><PLN A="1"><LSG A="1">{ring}'
+        content += "</LSG></PLN></PFD></ISO11783_TaskData>"
+    field = field_of(tmp_path, name, content)
+    assert field.plane == pytest.approx(ORIGIN, abs=1e-6)
+    assert field.boundary.area == pytest.approx(45_400.0, rel=1e-3)
+    said = f"the area of {hectares:.4g} ha in the file fits only the other order"
+    assert field.notes == (f"latitude and longitude are swapped, because {said}",)
+
+
+@pytest.mark.parametrize("area", [4.54, 11.22, 45_400, 0, -1, "4.54", None, float("nan")])
+def test_degrees_in_the_given_order_are_kept_whatever_the_area_in_the_file(tmp_path, area):
+    field = field_of(tmp_path, "a.json", geojson(feature(degrees(RING), area=area)))
+    assert field.plane == pytest.approx(ORIGIN, abs=1e-6)
+    assert field.notes == ()

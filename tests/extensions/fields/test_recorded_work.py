@@ -71,9 +71,9 @@ def test_odd_number_of_points_ends_with_a_triangle(tmp_path):
 
 
 def test_decimal_commas_and_other_lines_of_recorded_work_are_read(tmp_path):
-    text = "Sections\r\n\r\n" + rows([(0.5, 1), (0.5, 0), (2.5, 1), (2.5, 0)]).replace(",", ";").replace(".", ",").replace(
-        ";", ","
-    )
+    text = "Sections\r\n\r\n" + rows([(0.5, 1), (0.5, 0), (2.5, 1), (2.5, 0)]).replace(",", ";").replace(
+        ".", ","
+    ).replace(";", ",")
     (area,) = recorded_strips(sections_file(tmp_path, text))
     assert area.area == pytest.approx(2.0)
 
@@ -161,7 +161,9 @@ def test_field_compare_reports_a_recorded_strip_beside_the_true_one(driven, call
     assert host["worked_m2"] == pytest.approx(WIDTH * (east - west), rel=1e-3)
     assert true["worked_m2"] == pytest.approx(sum(each.area for each in passes), rel=1e-6)
     assert content["worked_only_m2"] == pytest.approx(0.2 * np.diff(np.interp([5.0, 15.0], t, x))[0], rel=0.02)
-    assert host["worked_m2"] - content["recorded_only_m2"] == pytest.approx(true["worked_m2"] - content["worked_only_m2"])
+    assert host["worked_m2"] - content["recorded_only_m2"] == pytest.approx(
+        true["worked_m2"] - content["worked_only_m2"]
+    )
     assert f"worked      {true['worked_m2']:12.1f}{host['worked_m2']:12.1f}" in out.splitlines()
     assert (tmp_path / "out" / "recorded.png").read_bytes().startswith(b"\x89PNG")
 
