@@ -65,7 +65,7 @@ def track(file_stamp: Stamp, crs: str, closed: bool, boundary: Stamp | None = No
     try:
         shape, left = _choose_line(read.shapes)
         if shape.properties.get("extends"):
-            points, note = cut_line(shape.points, file.with_name(BOUNDARY))
+            points, note = cut_line(shape.points, read_shapes(boundary[0], MAX_BYTES) if boundary else None)
             shape, left = replace(shape, points=points), [*left, note]
         found = local_shapes(replace(read, shapes=(shape,)), crs)
         points, notes = _clean_line(found.shapes[0], closed)

@@ -29,14 +29,9 @@ def with_terrain(field: Field, overrides: Mapping[str, Any]) -> tuple[dict[str, 
     Without `terrain.kind`, the model is the `Elevation.txt` in the folder of the field, unless this file is unusable or
     the plant supports only level ground.
     """
-    given, heights = dict(overrides), field.elevation
-    level = given.get("plant.kind") == "bicycle"
-    if heights is not None and not level and not given.keys() & {"terrain", KIND, FILE}:
-        try:
-            Heightmap(file=str(heights.absolute())).ground()
-        except ValueError as error:
-            return given, f"the ground is level, because of {str(error).removeprefix('file: ')}"
-        given |= {KIND: "heightmap", FILE: str(heights.absolute())}
+    given, level = dict(overrides), overrides.get("plant.kind") == "bicycle"
+    if field.elevation is not None and not level and not given.keys() & {"terrain", KIND, FILE}:
+        return _with_recorded_heights(field, given, field.elevation.absolute())
     file = given.get(FILE)
     if (
         not isinstance(file, str)
@@ -60,6 +55,19 @@ def with_terrain(field: Field, overrides: Mapping[str, Any]) -> tuple[dict[str, 
     if abs(turned := degrees(atan2(east_above - east, north_above - north))) > ROTATED_DEG:
         note += f"; its grid is turned by {turned:.1f} deg, which is ignored"
     return given, note
+
+
+def _with_recorded_heights(field: Field, given: dict[str, Any], file: Path) -> tuple[dict[str, Any], str]:
+    """Return the overrides `given` with the heights in an Elevation.txt, and a note. Unusable heights are omitted."""
+    found = _in_local_plane(field, {**given, KIND: "heightmap", FILE: str(file)}, str(file))
+    try:
+        ground = Heightmap(file=str(file), map_origin_m=tuple(found.get(ORIGIN, (0.0, 0.0)))).ground()
+    except ValueError as error:
+        return given, f"the ground is level, because of {str(error).removeprefix('file: ')}"
+    west, south, east, north = field.boundary.bounds
+    if not (ground.covers(west, south) and ground.covers(east, north)):
+        return given, f"the ground is level, because {file.name} does not cover the field"
+    return found, ""
 
 
 def ground_of(field: Field, given: Mapping[str, Any]) -> tuple[Ground | None, tuple[str, ...]]:

@@ -44,8 +44,11 @@ def elevation_file(path: Path) -> Path | None:
     folder = next(filter(is_folder_of_field, folders), None)
     if folder is None or not (file := folder / ELEVATION).is_file():
         return None
-    with file.open(encoding="utf-8-sig", errors="replace") as stream:
-        rows = stream.read(HEAD_CHARACTERS).partition("\nLatitude,")[2]
+    try:
+        with file.open(encoding="utf-8-sig", errors="replace") as stream:
+            rows = stream.read(HEAD_CHARACTERS).partition("\nLatitude,")[2]
+    except OSError:
+        return file  # a message about the file follows when it is read
     return file if "\n" in rows.strip() else None
 
 

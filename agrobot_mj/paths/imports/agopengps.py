@@ -160,21 +160,20 @@ def _tracks(lines: _Lines) -> Iterator[Polyline]:
             yield Polyline(points, False, "track", name, properties={"extends": mode == AB_LINE})
 
 
-def cut_line(points: Array, boundary: Path) -> tuple[Array, str]:
+def cut_line(points: Array, boundary: ShapeFile | None) -> tuple[Array, str]:
     """Return the longest part of an AB line, shape (2, 2) [m], that is inside the field, and a note.
 
-    Without the file `boundary`, the line extends SHORT_M beyond the points A and B. Raise ValueError for a line outside
-    the field.
+    Without a boundary, the line extends SHORT_M beyond the points A and B. Raise ValueError for a line outside the
+    field.
     """
-    if not boundary.is_file():
+    if boundary is None or not boundary.shapes:
         along = (points[1] - points[0]) / np.hypot(*(points[1] - points[0]))
         cut = (LINE_M - SHORT_M) * np.array([along, -along])
-        return points + cut, f"the AB line extends {SHORT_M:g} m beyond A and B, because there is no {boundary.name}"
-    rings = read_agopengps(boundary.read_text(encoding="utf-8-sig", errors="replace")).shapes
-    parts = _inside(points, rings[0].points) if rings else []
+        return points + cut, f"the AB line extends {SHORT_M:g} m beyond A and B, because there is no {BOUNDARY}"
+    parts = _inside(points, boundary.shapes[0].points)
     if not parts:
-        raise ValueError(f"the AB line does not cross the field in {boundary.name}; choose another line")
-    return max(parts, key=lambda part: float(np.hypot(*(part[1] - part[0])))), f"the AB line is cut at {boundary.name}"
+        raise ValueError(f"the AB line does not cross the field in {BOUNDARY}; choose another line")
+    return max(parts, key=lambda part: float(np.hypot(*(part[1] - part[0])))), f"the AB line is cut at {BOUNDARY}"
 
 
 def _inside(points: Array, ring: Array) -> list[Array]:

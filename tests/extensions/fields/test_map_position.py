@@ -94,3 +94,50 @@ def test_scenario_of_a_plan_reads_a_copy_of_the_recorded_heights(tmp_path, call)
     (folder / "Elevation.txt").unlink()
     ground = load_scenario(str(tmp_path / "plan" / "scenario.toml")).terrain.ground()
     assert height_and_gradient(ground, 10.0, 20.0) == pytest.approx((0.5, 0.05, 0.0), abs=0.02)
+
+
+def test_recorded_heights_of_another_field_are_omitted(tmp_path):
+    folder = elevation(aog(tmp_path / "farm"), lambda x, y: 0.05 * x)
+    fix = f"{ORIGIN_OF_TEXTS.latitude:.8f}"
+    (folder / "Field.txt").write_text((folder / "Field.txt").read_text().replace(fix, "58.40800000"))
+    given, note = with_terrain(read_field(folder), {})
+    assert (given, note) == ({}, "the ground is level, because Elevation.txt does not cover the field")
+
+
+def test_bicycle_plant_works_on_level_ground(tmp_path):
+    elevation(aog(tmp_path / "farm"), lambda x, y: 0.05 * x)
+    given = {"plant.kind": "bicycle"}
+    assert with_terrain(read_field(tmp_path / "farm"), given) == (given, "")
+
+
+@pytest.mark.parametrize("comma", [".", ","])
+def test_recorded_heights_far_from_the_start_fix_match_the_boundary(tmp_path, comma):
+    folder = elevation(aog(tmp_path / "farm", comma), lambda x, y: 20.0 + 0.05 * x, origin=Origin(58.37, 26.7))
+    start = f"{ORIGIN_OF_TEXTS.latitude:.8f};{ORIGIN_OF_TEXTS.longitude:.8f}".replace(".", comma).replace(";", ",")
+    far = "58.37000000;26.70000000".replace(".", comma).replace(";", ",")  # 3.3 km south of the field
+    north = (ORIGIN_OF_TEXTS.latitude - 58.37) * metres_per_latitude(58.37)
+    (folder / "Field.txt").write_text((folder / "Field.txt").read_text().replace(start, far))
+    for name in ("Boundary.txt", "Headland.txt"):
+        lines = (folder / name).read_text().splitlines()
+        moved = [_moved(line, north, comma) for line in lines]
+        (folder / name).write_text("\n".join(moved) + "\n")
+    field = read_field(folder)
+    given, note = with_terrain(field, {})
+    assert note == ""
+    east, middle = field.boundary.centroid.x, field.boundary.centroid.y
+    ground = ground_of(field, given)[0]
+    slope = height_and_gradient(ground, east, middle)
+    edge = height_and_gradient(ground, field.boundary.bounds[0], middle)
+    assert slope[1] == pytest.approx(0.05, abs=0.002)
+    assert edge[0] == pytest.approx(20.0 + 0.05 * -150.0, abs=0.05)
+
+
+def _moved(line, north, comma):
+    """Return a row of a boundary file with its point moved to the north [m]."""
+    cells = line.split(",")
+    if len(cells) < 3:
+        return line
+    if comma == ",":
+        x, y = f"{cells[0]}.{cells[1]}", f"{cells[2]}.{cells[3]}"
+        return f"{x};{float(y) + north:.3f};0.00000".replace(".", ",").replace(";", ",")
+    return f"{cells[0]},{float(cells[1]) + north:.3f},{cells[2]}"
