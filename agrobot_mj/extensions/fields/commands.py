@@ -96,7 +96,7 @@ COMMANDS = {
         "Field work",
         "field show home.geojson",
         "field show TASKDATA --field North --out runs/north",
-        "field show home.geojson --set terrain.kind=heightmap --set terrain.file=dem.tif",
+        "field show home.geojson --set terrain.kind=slope --set terrain.grade_deg=6",
         advanced=True,
     ),
     **FIELD_WORK,

@@ -32,6 +32,7 @@ from agrobot_mj.extensions.fields.planner.rig import outline_of
 from agrobot_mj.paths.imports.agopengps import comma_numbers
 from agrobot_mj.paths.imports.reading import MAX_BYTES
 from agrobot_mj.paths.imports.reading import decode as decode_text
+from agrobot_mj.paths.imports.shapes import LARGEST
 from agrobot_mj.scenario.loading import load_scenario
 
 SECTIONS = "Sections.txt"
@@ -69,7 +70,7 @@ def _tables(lines: list[str]) -> Iterator[Array]:
             raise ValueError(f"line {k}: the strip has {line} rows, but the file ends before; save the field again")
         points = [comma_numbers(row, 2) for row in rows[1:]]
         for number, row in enumerate(points, start=k + 2):
-            if len(row) < 2 or not np.isfinite(row).all():
+            if len(row) < 2 or not np.abs(row).max() <= LARGEST:
                 raise ValueError(f"line {number}: {lines[number - 1][:40]!r} is not a position; save the field again")
         yield np.array(points).reshape(-1, 2)
         k += int(line)
@@ -156,7 +157,7 @@ def _stretches(motion: ImplementMotion, times: Array, masks: Array, boom: Boom) 
             yield ground
 
 
-class Comparison(NamedTuple):
+class WorkComparison(NamedTuple):
     """True worked area of a run, and worked area recorded by the host."""
 
     true: FieldCoverage
@@ -188,10 +189,10 @@ class Comparison(NamedTuple):
         yield self.true.missed.intersection(self.host.missed), VERMILION, "neither"
 
 
-def comparison(field: Field, strips: list[BaseGeometry], passes: list[BaseGeometry]) -> Comparison:
+def comparison(field: Field, strips: list[BaseGeometry], passes: list[BaseGeometry]) -> WorkComparison:
     """Return the comparison of the recorded strips with the true passes on a field."""
     whole = whole_of(field)
-    return Comparison(coverage(whole, whole, passes), coverage(whole, whole, strips))
+    return WorkComparison(coverage(whole, whole, passes), coverage(whole, whole, strips))
 
 
 def comparison_lines(content: dict[str, Any]) -> list[str]:

@@ -59,7 +59,12 @@ def test_field_command_without_a_subcommand_lists_the_subcommands(call):
 def test_help_of_the_field_command_describes_its_subcommands(call):
     status, out, err = call("field", "--help")
     assert (status, err) == (0, "")
-    assert [line[:12].rstrip() for line in out.splitlines()] == ["field show", "field plan", "field run", "field comp"]
+    assert [line[:12].rstrip() for line in out.splitlines()] == [
+        "field show",
+        "field plan",
+        "field run",
+        "field compar",
+    ]
     assert "Plan headland laps, swaths and turns" in out
 
 

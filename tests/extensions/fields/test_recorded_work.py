@@ -84,6 +84,7 @@ BAD = {
     "short": ("9\r\n27,151,160\r\n0,0,0\r\n", "line 1: the strip has 9 rows, but the file ends before"),
     "words": (f"3\r\n{COLOUR}\r\n0,0,0\r\nx,y,z\r\n", "line 4: 'x,y,z' is not a position"),
     "nan": (f"3\r\n{COLOUR}\r\n0,0,0\r\nnan,1,0\r\n", "line 4: 'nan,1,0' is not a position"),
+    "far": (f"3\r\n{COLOUR}\r\n0,0,0\r\n1e300,1,0\r\n", "line 4: '1e300,1,0' is not a position"),
     "line": (rows([(0, 0), (0, 0), (5, 0), (5, 0)]), "contains no worked area"),
 }
 
