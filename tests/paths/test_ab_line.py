@@ -49,6 +49,8 @@ def test_ab_line_runs_from_edge_to_edge_of_the_field_in_its_direction(tmp_path):
 def test_longest_part_of_an_ab_line_in_a_concave_field_is_used(tmp_path):
     # at y = 40 the field has two parts: 40 m wide on the left, and 30 m wide on the right
     assert ends(folder(tmp_path, (70, 40), (80, 40))) == [[0.0, 40.0], [40.0, 40.0]]
+    wide = ((0, 0), (90, 0), (90, 60), (75, 60), (75, 20), (5, 20), (5, 60), (0, 60))
+    assert ends(folder(tmp_path, (70, 40), (80, 40), wide)) == [[75.0, 40.0], [90.0, 40.0]]
     # along the diagonal, the field ends at the notch, whose left edge is at x = 40
     assert np.array(ends(folder(tmp_path, (5, 5), (10, 10)))) == pytest.approx(np.array([[0, 0], [40, 40]]), abs=0.01)
 

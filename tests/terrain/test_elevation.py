@@ -96,6 +96,22 @@ def test_heights_without_rtk_outliers_and_damaged_rows_are_omitted(tmp_path):
     assert terrain.notes == (f"heights are interpolated from 1900 of 3848 points ({omitted}), with a cell size of 2 m",)
 
 
+def test_wrong_fixes_along_a_pass_are_omitted(tmp_path):
+    points = passes(hill)
+    points[900:912, 2] += 20.0  # 20 m of one pass
+    terrain = Heightmap(file=file(tmp_path, rows(points)))
+    assert np.abs(errors(terrain.ground(), hill)[:, 0]).max() < 3 * NOISE_M
+    assert "1888 of 1900 points (12 outliers)" in terrain.notes[0]
+
+
+def test_surface_is_recovered_although_40_percent_of_the_heights_are_wrong(tmp_path):
+    points, chance = passes(hill), np.random.default_rng(5)
+    wrong = chance.random(len(points)) < 0.4
+    points[wrong, 2] += chance.normal(0.0, 3.0, wrong.sum())
+    found = errors(Heightmap(file=file(tmp_path, rows(points))).ground(), hill)
+    assert np.sqrt((found[:, 0] ** 2).mean()) < 0.04
+
+
 def test_steep_bank_is_kept_although_it_is_smoothed(tmp_path):
     def bank(x, y):
         return 40.0 + 1.5 * np.tanh((x - 80) / 12)
