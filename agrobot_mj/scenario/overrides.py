@@ -216,10 +216,12 @@ def relocate_files(data: Any) -> dict[str, Path]:
 
 
 def beside(key: str, path: Path) -> tuple[Path, ...]:
-    """Return the files named in a machine file or body file, recursively, and the field boundary next to the guidance
-    lines of AgOpenGPS, or an empty tuple for other files."""
-    if path.name == TRACKS and (boundary := path.with_name(BOUNDARY)).is_file():
-        return (boundary,)
+    """Return the files named in a machine file or body file, recursively. For guidance lines of AgOpenGPS, return the
+    field boundary in the same folder; for a shapefile, its .prj file. The tuple is empty for other files."""
+    ends = (".prj", ".PRJ") if path.suffix.lower() == ".shp" else ()
+    others = [path.with_name(BOUNDARY)] if path.name == TRACKS else [path.with_suffix(end) for end in ends]
+    if found := [other for other in others if other.is_file()]:
+        return tuple(found)
     try:
         if key == "mjcf":
             return own_files(str(path)).others
