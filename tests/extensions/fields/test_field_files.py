@@ -131,14 +131,20 @@ def test_metres_from_a_local_origin_are_rejected_in_a_national_grid(tmp_path):
         read_field(file, crs="EPSG:25832")
 
 
-def test_grid_coordinates_in_the_wrong_order_are_rejected(tmp_path):
+def test_grid_coordinates_in_the_wrong_order_are_swapped(tmp_path):
     pytest.importorskip("pyproj")
     file = tmp_path / "swapped.csv"
     file.write_text("x,y\n5795000,400000\n5795000,400120\n5795090,400120\n5795090,400000\n")
+    swapped = read_field(file, crs="EPSG:32632")
+    assert swapped.notes == ("east and north are swapped, because only the other order is in the area of EPSG:32632",)
+    file.write_text("x,y\n400000,5795000\n400120,5795000\n400120,5795090\n400000,5795090\n")
+    field = read_field(file, crs="EPSG:32632")
+    assert (field.notes, field.boundary.area) == ((), pytest.approx(120 * 90, rel=1e-3))
+    assert swapped.plane == pytest.approx(field.plane)
+    assert swapped.boundary.symmetric_difference(field.boundary).area < 0.1
+    file.write_text("x,y\n5795000,5795000\n5795000,5795120\n5795090,5795120\n")
     with pytest.raises(ScenarioError, match="outside the area of EPSG:32632; correct the coordinate system, or the or"):
         read_field(file, crs="EPSG:32632")
-    file.write_text("x,y\n400000,5795000\n400120,5795000\n400120,5795090\n400000,5795090\n")
-    assert read_field(file, crs="EPSG:32632").boundary.area == pytest.approx(120 * 90, rel=1e-3)
     file.write_text("x,y\n2000000,4000000\n2000120,4000000\n2000120,4000090\n2000000,4000090\n")
     assert read_field(file, crs="EPSG:3460").plane.longitude == pytest.approx(178.75, abs=0.01)  # Fiji
 
