@@ -64,10 +64,14 @@ def _with_recorded_heights(field: Field, given: dict[str, Any], file: Path) -> t
         ground = Heightmap(file=str(file), map_origin_m=tuple(found.get(ORIGIN, (0.0, 0.0)))).ground()
     except ValueError as error:
         return given, f"the ground is level, because of {str(error).removeprefix('file: ')}"
-    west, south, east, north = field.boundary.bounds
-    if not (ground.covers(west, south) and ground.covers(east, north)):
+    if not _covers(ground, field):
         return given, f"the ground is level, because {file.name} does not cover the field"
     return found, ""
+
+
+def _covers(ground: Ground, field: Field) -> bool:
+    west, south, east, north = field.boundary.bounds
+    return ground.covers(west, south) and ground.covers(east, north)
 
 
 def ground_of(field: Field, given: Mapping[str, Any]) -> tuple[Ground | None, tuple[str, ...]]:
@@ -79,9 +83,11 @@ def ground_of(field: Field, given: Mapping[str, Any]) -> tuple[Ground | None, tu
     if any(key.partition(".")[0] == "terrain" for key in given):
         terrain = planning_scenario(field.name, {}, given).terrain
         try:
-            return terrain.ground(), terrain.notes
+            ground = terrain.ground()
         except ValueError as error:
             raise ScenarioError(f"terrain.{error}") from None
+        partial = () if _covers(ground, field) else ("the terrain does not cover the whole field",)
+        return ground, (*terrain.notes, *partial)
     if field.heights is None:
         return None, ()
     return interpolate(field.heights[:, :2], field.heights[:, 2])[0], ("the slope is computed from the boundary",)

@@ -169,6 +169,11 @@ def test_invalid_terrain_of_a_field_is_rejected_with_the_fix(call, file):
     assert err.startswith("terrain.file: none.tif: no such file in ")
 
 
+def test_terrain_that_does_not_cover_the_field_is_reported(call, file):
+    sets = ("--set", "terrain.kind=slope", "--set", "terrain.grade_deg=6", "--set", "terrain.half_size_m=60")
+    assert shown(call, file, *sets)["slope"]["notes"] == ["the terrain does not cover the whole field"]
+
+
 def test_contour_lines_are_drawn_at_their_heights(tmp_path):
     import numpy as np
     from shapely import box
