@@ -8,28 +8,18 @@ import pytest
 
 pytest.importorskip("shapely")
 
+from linked import COLOUR, START, farm, linked_run, strip_rows
+from removed import is_there
 from shapely import Polygon, box
 
 from agrobot_mj.core.agopengps.messages import SteerData
-from agrobot_mj.core.agopengps.traffic import Datagram, Traffic
 from agrobot_mj.core.agopengps.wire import encode
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.geodesy import Origin, to_geodetic
-from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.extensions.fields.recorded_work import comparison, recorded_strips, work_of_run
 
-ORIGIN = Origin(50.877, 4.699)  # Default origin of a link
-START = Origin(*to_geodetic(ORIGIN, -40.0, -25.0))  # Start fix of the host
-COLOUR = "27,151,160"
 WIDTH = 3.0
 LEFT, BOTH = 0b01, 0b11  # Bit masks of the sections; section 1 is on the left
-
-
-def rows(points):
-    """Return a strip of Sections.txt with alternating left and right points (n, 2) [m]."""
-    lines = [COLOUR, *(f"{x:.3f},{y:.3f},1.57080" for x, y in np.asarray(points).tolist())]
-    return "\r\n".join([str(len(lines)), *lines]) + "\r\n"
 
 
 def straight(west, east, south, north, step=5.0):
@@ -44,7 +34,7 @@ def sections_file(folder, text):
 
 
 def test_overlap_of_two_strips_equals_the_overlap_of_rectangles(tmp_path):
-    text = rows(straight(0, 100, 0, 3)) + rows(straight(20, 90, 2.4, 5.4))
+    text = strip_rows(straight(0, 100, 0, 3)) + strip_rows(straight(20, 90, 2.4, 5.4))
     strips = recorded_strips(sections_file(tmp_path, text))
     found = comparison(Field("f", box(0, 0, 100, 6)), strips, [box(0, 0, 100, 3), box(0, 3, 50, 6)]).numbers()
     host, true = found["areas"]["host"], found["areas"]["true"]
@@ -60,18 +50,18 @@ def test_strip_in_a_tight_bend_counts_its_own_overlap_once(tmp_path):
     angle = np.linspace(0, 2 * np.pi, 41)
     left = np.column_stack([-1.0 * np.cos(angle), -1.0 * np.sin(angle)])  # the left edge passes the centre of the bend
     right = np.column_stack([2.0 * np.cos(angle), 2.0 * np.sin(angle)])
-    (area,) = recorded_strips(sections_file(tmp_path, rows(np.stack([left, right], axis=1).reshape(-1, 2))))
+    (area,) = recorded_strips(sections_file(tmp_path, strip_rows(np.stack([left, right], axis=1).reshape(-1, 2))))
     assert area.area == pytest.approx(4 * np.pi, rel=0.01)
     assert area.is_valid
 
 
 def test_odd_number_of_points_ends_with_a_triangle(tmp_path):
-    (area,) = recorded_strips(sections_file(tmp_path, rows([(0, 1), (0, 0), (2, 1), (2, 0), (3, 1)])))
+    (area,) = recorded_strips(sections_file(tmp_path, strip_rows([(0, 1), (0, 0), (2, 1), (2, 0), (3, 1)])))
     assert area.equals(Polygon([(0, 1), (0, 0), (2, 0), (3, 1)]))
 
 
 def test_decimal_commas_and_other_lines_of_recorded_work_are_read(tmp_path):
-    text = "Sections\r\n\r\n" + rows([(0.5, 1), (0.5, 0), (2.5, 1), (2.5, 0)]).replace(",", ";").replace(
+    text = "Sections\r\n\r\n" + strip_rows([(0.5, 1), (0.5, 0), (2.5, 1), (2.5, 0)]).replace(",", ";").replace(
         ".", ","
     ).replace(";", ",")
     (area,) = recorded_strips(sections_file(tmp_path, text))
@@ -85,7 +75,7 @@ BAD = {
     "words": (f"3\r\n{COLOUR}\r\n0,0,0\r\nx,y,z\r\n", "line 4: 'x,y,z' is not a position"),
     "nan": (f"3\r\n{COLOUR}\r\n0,0,0\r\nnan,1,0\r\n", "line 4: 'nan,1,0' is not a position"),
     "far": (f"3\r\n{COLOUR}\r\n0,0,0\r\n1e300,1,0\r\n", "line 4: '1e300,1,0' is not a position"),
-    "line": (rows([(0, 0), (0, 0), (5, 0), (5, 0)]), "contains no worked area"),
+    "line": (strip_rows([(0, 0), (0, 0), (5, 0), (5, 0)]), "contains no worked area"),
 }
 
 
@@ -105,26 +95,11 @@ def states(t):
 @pytest.fixture(scope="module")
 def driven(tmp_path_factory):
     """Return the folder of a link run, whose host steers straight ahead and switches two sections, and the field."""
-    from typer.testing import CliRunner
-
-    from agrobot_mj.cli import app
-
-    folder, traffic = tmp_path_factory.mktemp("link"), Traffic()
-    for turn in range(0, int(25.0 / TICK_S), 2):
-        message = SteerData(1.5, int(turn > 0), 0.0, 255, states(turn * TICK_S))  # engage from the second message
-        traffic.add(Datagram(turn, turn * TICK_S, "in", "127.0.0.1", encode(message)))
-    pq.write_table(traffic.table(0), folder / "host.parquet")
-    sets = ("plant.kind=bicycle", "path.speed_m_s=1.5", "sensors.gnss.sigma_m=0")
-    words = [word for key in sets for word in ("--set", key)]
-    given = ["link", "straight_line", "--replay", str(folder / "host.parquet"), "--duration", "24", *words]
-    ended = CliRunner().invoke(app, [*given, "--no-rrd", "--out", str(folder / "run")])
-    assert ended.exit_code == 0, ended.output
-    farm = folder / "Farm"
-    farm.mkdir()
-    head = "2026\r\n$FieldDir\r\nFarm\r\n$Offsets\r\n0,0\r\nConvergence\r\n0\r\nStartFix\r\n"
-    (farm / "Field.txt").write_text(f"{head}{START.latitude:.9f},{START.longitude:.9f}\r\n", newline="")
-    ring = ((0, 0), (90, 0), (90, 50), (0, 50))
-    (farm / "Boundary.txt").write_text("$Boundary\r\nFalse\r\n4\r\n" + "".join(f"{x},{y},0\r\n" for x, y in ring))
+    if not is_there("link"):
+        pytest.skip("without the extension links")
+    folder = tmp_path_factory.mktemp("link") / "link"
+    linked_run(folder, 24, states)
+    farm(folder / "Farm")
     return folder
 
 
@@ -153,7 +128,7 @@ def test_field_compare_reports_a_recorded_strip_beside_the_true_one(driven, call
     t, x, _ = positions(driven)
     west, south, _, north = passes[0].bounds
     east = passes[-1].bounds[2]
-    sections_file(driven / "Farm", rows(straight(west, east, south + 0.2, north + 0.2, step=1.0)))
+    sections_file(driven / "Farm", strip_rows(straight(west, east, south + 0.2, north + 0.2, step=1.0)))
     words = ("field", "compare", driven / "run", driven / "Farm", "--width", WIDTH, "--out", tmp_path / "out")
     status, out, err = call(*words)
     assert (status, err) == (0, "")
@@ -187,7 +162,7 @@ def test_host_without_section_states_works_while_it_steers(driven, tmp_path):
 
 def test_field_compare_rejects_other_folders_with_the_fix(driven, call, tmp_path):
     (tmp_path / "run").mkdir()
-    sections_file(driven / "Farm", rows(straight(0, 10, 0, 3)))
+    sections_file(driven / "Farm", strip_rows(straight(0, 10, 0, 3)))
     status, _, err = call("field", "compare", tmp_path / "run", driven / "Farm")
     assert (status, "link.parquet: no such file; specify the folder of a run of the command link" in err) == (2, True)
     (driven / "Farm" / "Sections.txt").unlink()
