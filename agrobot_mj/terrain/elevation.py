@@ -123,6 +123,8 @@ def _fit(origin: Origin, rows: Array, damaged: int) -> Elevation:
     points, heights = local_points(origin, fixed[:, 0], fixed[:, 1]), fixed[:, 2]
     near = np.hypot(*(points - np.median(points, axis=0)).T) < FAR_M
     points, heights = points[near], heights[near]
+    if len(points) < FEWEST:
+        raise ValueError(f"the points are more than {FAR_M / 1000:g} km away from their median; remove distant points")
     if np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1] < NARROWEST_M * sqrt(len(points)):
         raise ValueError("the points are on one line, so the slope across is unknown; record several passes")
     grid, good = interpolate(points, heights)

@@ -150,6 +150,7 @@ BAD = {
     "no_rtk": (rows(passes(plane), quality=8), "0 of 1900 points with an RTK fix (quality 4)"),
     "one": (rows(LINE[:1]), "1 of 1 points with an RTK fix"),
     "line": (rows(LINE), "the points are on one line"),
+    "apart": (rows(LINE) + rows(LINE + (20_000, 0, 0)), "more than 5 km away from their median; remove distant points"),
     "still": (rows(0 * LINE), "the points are on one line"),
     "feet": (rows(passes(lambda x, y: 60 * np.tanh((x - 80) / 20) / 0.3048)), "set a scale of at most 0."),
     "missing": ("nan,nan,nan,4\r\n" * 20, "the file has no rows"),
