@@ -14,7 +14,7 @@ from agrobot_mj.cli.answers import _stdout_to_stderr
 
 QUICK = ("--no-rrd", "--set", "duration_s=2", "--set", "plant.kind=bicycle")
 VERBS = ("list", "machine", "run", "compare", "limit", "risk", "falsify", "link", "ros2", "twin", "play")
-VERBS += ("field show", "field plan", "field run")
+VERBS += ("field show", "field plan", "field run", "field compare")
 
 
 @pytest.fixture(autouse=True)

@@ -358,3 +358,10 @@ def test_results_of_a_run_and_of_a_sweep_do_not_share_a_folder(tmp_path, written
         pass
     with results(folder, (written,)), results(folder / "inner", (other,)):
         pass
+
+
+def test_run_folder_contains_the_coordinate_system_of_a_shapefile(tmp_path):
+    for name in ("a.shp", "a.prj", "b.csv"):
+        (tmp_path / name).write_text("")
+    data = {"path": {"file": str(tmp_path / "a.shp")}, "terrain": {"file": str(tmp_path / "b.csv")}}
+    assert set(relocate_files(data)) == {"a.shp", "a.prj", "b.csv"}

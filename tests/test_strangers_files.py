@@ -8,6 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from linked import farm, linked_run, strip_rows
 from removed import is_there
 from row_files import row_file
 from typer.main import get_command
@@ -54,18 +55,26 @@ WRITERS = {
     "field show": [(f"{MINE}/home.geojson", "--out", HERE)],
     "field plan": [(f"{MINE}/home.geojson", "--width", 4, "--headlands", 1, "--out", HERE)],
     "field run": [(f"{MINE}/home.geojson", "--width", 4, "--headlands", 1, "--no-rrd", "--out", HERE)],
+    "field compare": [(f"{MINE}/linked/run", f"{MINE}/farm", "--out", HERE)],
     "play": [("circle", "--no-browser", "--seconds", 0.2, *BICYCLE, "--out", HERE)],
 }
 """Ways in which each command writes into a folder."""
 READERS = {"list", "explain", "init", "schema", "machine", "view"}
 """Commands that write no result files. `init` writes only a new file."""
-CASES = [(name, arguments) for name, ways in WRITERS.items() if is_there(name) for arguments in ways]
+BUILT_BY = {"field compare": "link"}  # Commands whose input another command writes
+CASES = [
+    (name, arguments)
+    for name, ways in WRITERS.items()
+    if is_there(name) and is_there(BUILT_BY.get(name, name))
+    for arguments in ways
+]
 NAMES = (*SET, RECORDING, "comparison.json", "comparison.rrd", "bicycle-pd", "limit.json", "limit.png", "tuning.json")
 NAMES = (*NAMES, "base.toml", "sweep.toml", "plan.json", "sweep.parquet", "way.csv", "run.mcap", "drive_1.png")
 NAMES = (*NAMES, *(f"replay.{end}" for end in ("json", "parquet", "png", "toml")), "report.html", "ranking.png")
 NAMES = (*NAMES, "map.toml", "calibration.json", "machine.toml", "twin.json")
 NAMES = (*NAMES, "curves.parquet", "validation.json", "validation.md", "importance.json", "lateral.png")
 NAMES = (*NAMES, "map.png", "plan.geojson", "plan.png", "coverage.json", "coverage.geojson", "inputs.csv")
+NAMES = (*NAMES, "recorded.json", "recorded.png")
 FOLDERS = ("rows/00000/00000001.json", "rows/mine.csv", "runs/00000001/metrics.json", "images/step_steer.png")
 
 
@@ -80,6 +89,9 @@ def sources(tmp_path_factory):
     (mine / "way.toml").write_text('[path]\nkind = "waypoints"\nfile = "way.csv"\n')
     (mine / "run.rrd").write_bytes(b"RRF2" + b"RRF2FOOT" + bytes(8))
     write_log(run(load_scenario("circle", {"duration_s": 1.0, "plant.kind": "bicycle"})), mine / "driven")
+    if is_there("link"):
+        linked_run(mine / "linked", 3, lambda t: 1)
+    farm(mine / "farm", strip_rows([(40, 26), (40, 24), (44, 26), (44, 24)]))
     from agrobot_mj.studies.sweep.runner import SweepOptions, sweep
 
     sweep(mine / "small.toml", mine / "swept", SweepOptions(jobs=1, quiet=True))

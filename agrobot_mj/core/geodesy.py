@@ -61,3 +61,8 @@ def local_points(origin: Origin, latitude: Array, longitude: Array) -> Array:
     lengths = np.array([metres_per_longitude(each) for each in latitude.tolist()])
     north = (latitude - origin.latitude) * metres_per_latitude(origin.latitude)
     return np.column_stack([(longitude - origin.longitude) * lengths, north])
+
+
+def geodetic_points(origin: Origin, points: Array) -> Array:
+    """Convert points (n, 2), distances east and north of the origin [m], to longitudes and latitudes (n, 2) [deg]."""
+    return np.array([to_geodetic(origin, *point)[::-1] for point in points.tolist()]).reshape(-1, 2)

@@ -17,7 +17,8 @@ names the location.
 
 Waypoints are read from CSV, KML, GeoJSON or GPX, from a file of an AgOpenGPS field, or from a shapefile. The longest
 line of the file is the track. If the file has no lines, its longest ring is used, or else its points in the order of
-the file. Every error is a ValueError that names the file, the table row and the fix.
+the file. An AB line of AgOpenGPS is cut at the Boundary.txt in the same folder. Every error is a ValueError that names
+the file, the table row and the fix.
 """
 
 import warnings
@@ -30,13 +31,14 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from agrobot_mj.core.resources import Stamp, refuse
+from agrobot_mj.core.resources import Stamp, refuse, stamp
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import Positive
 from agrobot_mj.paths.arc import FASTEST_M_S, SLOWEST_M_S
 from agrobot_mj.paths.fillet import Rounding, round_corners
 from agrobot_mj.paths.from_file import FromFile
 from agrobot_mj.paths.imports import Polyline, clean, local_shapes, read_shapes
+from agrobot_mj.paths.imports.agopengps import BOUNDARY, cut_line
 from agrobot_mj.paths.imports.cleaning import CLOSEST_M
 from agrobot_mj.paths.track import Course, checked_length, samples, through
 from agrobot_mj.paths.transition import Transitions
@@ -53,12 +55,18 @@ class Track(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def track(stamp: Stamp, crs: str, closed: bool) -> Track:
-    """Return at least three waypoints of a file, in metres of a local plane. Raise ValueError for an invalid file."""
-    file = Path(stamp[0])
-    read = read_shapes(stamp[0], MAX_BYTES)
+def track(file_stamp: Stamp, crs: str, closed: bool, boundary: Stamp | None = None) -> Track:
+    """Return at least three waypoints of a file, in metres of a local plane. Raise ValueError for an invalid file.
+
+    `boundary` is the stamp of the field boundary next to a file of AgOpenGPS, at which an AB line is cut.
+    """
+    file = Path(file_stamp[0])
+    read = read_shapes(file_stamp[0], MAX_BYTES)
     try:
         shape, left = _choose_line(read.shapes)
+        if shape.properties.get("extends"):
+            points, note = cut_line(shape.points, read_shapes(boundary[0], MAX_BYTES) if boundary else None)
+            shape, left = replace(shape, points=points), [*left, note]
         found = local_shapes(replace(read, shapes=(shape,)), crs)
         points, notes = _clean_line(found.shapes[0], closed)
     except ValueError as error:
@@ -205,7 +213,9 @@ class Waypoints(Transitions, FromFile):
         return (*self._track().notes, *_lap(self)[1])
 
     def _track(self) -> Track:
-        return self.content(lambda content: track(content, self.crs, self.closed))
+        return self.content(
+            lambda content: track(content, self.crs, self.closed, stamp(str(Path(content[0]).with_name(BOUNDARY))))
+        )
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:

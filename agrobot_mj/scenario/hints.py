@@ -130,8 +130,9 @@ class Change(NamedTuple):
 
 
 def path_hints(scenario: Scenario) -> Iterator[str]:
-    """Yield hints about the path file, about bends, and about a path that leaves the ground."""
-    yield from (f"path.file: {note}" for note in scenario.path.notes)
+    """Yield hints about the files of path and terrain, about bends, and about a path that leaves the ground."""
+    for table, spec in (("path", scenario.path), ("terrain", scenario.terrain)):
+        yield from (f"{table}.file: {note}" for note in spec.notes)
     if scenario.guidance.using(scenario.controller).follows_path:
         outline = scenario.path.outline()
         yield from _turns(scenario, outline)

@@ -17,6 +17,7 @@ from agrobot_mj.core.messages import explain
 from agrobot_mj.core.resources import SCENARIOS, absence, is_file, library_file
 from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.core.walk import elsewhere, places
+from agrobot_mj.paths.imports.agopengps import BOUNDARY, TRACKS
 from agrobot_mj.plants.mujoco.own_files import own_files
 
 S = TypeVar("S", bound=Spec)
@@ -215,7 +216,12 @@ def relocate_files(data: Any) -> dict[str, Path]:
 
 
 def beside(key: str, path: Path) -> tuple[Path, ...]:
-    """Return the files named in a machine file or body file, recursively, or an empty tuple for other files."""
+    """Return the files named in a machine file or body file, recursively. For guidance lines of AgOpenGPS, return the
+    field boundary in the same folder; for a shapefile, its .prj file. The tuple is empty for other files."""
+    ends = (".prj", ".PRJ") if path.suffix.lower() == ".shp" else ()
+    others = [path.with_name(BOUNDARY)] if path.name == TRACKS else [path.with_suffix(end) for end in ends]
+    if found := [other for other in others if other.is_file()]:
+        return tuple(found)
     try:
         if key == "mjcf":
             return own_files(str(path)).others

@@ -75,6 +75,11 @@ class Landscape(Spec):
         """Return the height grid without the ground patches. Raises a ValueError that names an invalid key."""
         raise NotImplementedError
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences about the data read from a file, for hints."""
+        return ()
+
     def stamp(self) -> tuple[object, ...]:
         """Return a cache key, which changes when a height file or the image file of a patch changes."""
         return tuple(file_stamp(part.file) for part in (self, *self.patch) if hasattr(part, "file"))

@@ -1,4 +1,4 @@
-"""Reading of height grids and images: NumPy arrays, grey PNG images, ESRI ASCII grids and GeoTIFF.
+"""Reading of heights and images: NumPy arrays, grey PNG images, ESRI ASCII grids, GeoTIFF and Elevation.txt.
 
 Each reader checks the file size and the header before it reads the numbers. Errors are ValueErrors that begin with
 `file: NAME: ` and state the fix.
@@ -13,9 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.resources import checked_path, refuse
+from agrobot_mj.core.resources import checked_path, refuse, stamp_of
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import HUGE
+from agrobot_mj.terrain.elevation import read_elevation
 from agrobot_mj.terrain.geotiff import HEIGHT_MODES, cell_and_corner, open_tiff, without_gaps
 from agrobot_mj.terrain.grid import MOST_NODES
 
@@ -35,10 +36,12 @@ class Sheet(NamedTuple):
     white: float = 1.0  # Number that represents white in an image
     corner: tuple[float, float] | None = None
     """Easting and northing of the south-west node on a map [m], or None if the file contains no position."""
+    local: bool = False  # Whether the map is the local plane of a field, whose origin is its start fix
+    notes: tuple[str, ...] = ()  # Sentences about interpolation
 
 
 def read_grid(file: str) -> Sheet:
-    """Return the grid of finite numbers, at least 2 x 2, in a `.npy`, `.png`, `.asc` or `.tif` file.
+    """Return the grid of finite numbers, at least 2 x 2, in a `.npy`, `.png`, `.asc`, `.tif` or `Elevation.txt` file.
 
     Raises ValueError for a file that cannot be used.
     """
@@ -151,6 +154,12 @@ def _read_tiff(path: Path) -> Sheet:
         return Sheet(without_gaps(path, read, image.tag_v2), cell, corner=corner)
 
 
+def _read_elevation(path: Path) -> Sheet:
+    found = read_elevation(stamp_of(str(path), (), MOST_BYTES))
+    ground = found.ground
+    return Sheet(ground.heights, ground.spacing, corner=(ground.x0, ground.y0), local=True, notes=found.notes)
+
+
 def _text(path: Path, size: int = -1) -> list[str]:
 
     def read() -> list[str]:
@@ -209,4 +218,5 @@ READERS: dict[str, Callable[[Path], Sheet]] = {
     ".asc": _read_asc,
     ".tif": _read_tiff,
     ".tiff": _read_tiff,
+    ".txt": _read_elevation,
 }

@@ -2,7 +2,8 @@
 
 By default the centre of the grid is at the origin. With `map_origin_m` the nodes have their map positions relative to
 this map origin. Row 0 of an image (`.png`, `.tif`) and of an ESRI grid (`.asc`) is the north edge, as on maps. Row 0 of
-an array (`.npy`) is the south edge: row and column numbers increase with y and x. Column 0 is west.
+an array (`.npy`) is the south edge: row and column numbers increase with y and x. Column 0 is west. `Elevation.txt`
+contains points, which `elevation.py` interpolates; the origin of its map is the start fix.
 """
 
 from math import radians, tan
@@ -20,7 +21,8 @@ from agrobot_mj.terrain.shapes import Coordinate
 
 
 class Heightmap(Tilted):
-    """Terrain with heights from a file: `.npy`, `.png` (grey, 16 or 8 bits), `.asc` or `.tif` (GeoTIFF)."""
+    """Terrain with heights from a file: `.npy`, `.png` (grey, 16 or 8 bits), `.asc`, `.tif` (GeoTIFF) or
+    `Elevation.txt` (AgOpenGPS)."""
 
     kind: Literal["heightmap"] = "heightmap"
     file: str = Field(default="hills.asc", min_length=1)
@@ -33,9 +35,15 @@ class Heightmap(Tilted):
     """Distance between nodes of a .npy or .png file [m]. Default: 1. Other file types contain the distance."""
     map_origin_m: tuple[Coordinate, Coordinate] | None = None
     """Easting and northing of the point x = y = 0 on the map of an .asc or .tif file [m]. Subtract the same numbers
-    from a path surveyed on this map. Default: x = y = 0 is the centre of the grid."""
+    from a path surveyed on this map. Default: x = y = 0 is the centre of the grid, or the start fix of
+    Elevation.txt."""
     rectangular: bool = False
     """Whether a .npy or .png file may have different numbers of rows and columns. Default: only square grids."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences about the interpolation of the heights in the file."""
+        return read_grid(self.file).notes if self.file.lower().endswith(".txt") else ()
 
     def relief(self) -> Ground:
         """Return the height grid. Raises a ValueError that names an invalid key."""
@@ -70,11 +78,12 @@ class Heightmap(Tilted):
 
     def _corner(self, sheet: Sheet, x: float, y: float) -> tuple[float, float]:
         """Return the south-west node (x, y) [m], or its map position minus `map_origin_m` if this key is given."""
-        if self.map_origin_m is None:
+        origin = (0.0, 0.0) if self.map_origin_m is None and sheet.local else self.map_origin_m
+        if origin is None:
             return x, y
         if sheet.corner is None:
             raise ValueError(f"map_origin_m: {self._name} has no coordinates; omit the key, or use .asc or .tif")
-        return sheet.corner[0] - self.map_origin_m[0], sheet.corner[1] - self.map_origin_m[1]
+        return sheet.corner[0] - origin[0], sheet.corner[1] - origin[1]
 
     def _heights(self, values: Array) -> Array:
         with np.errstate(over="ignore", invalid="ignore"):

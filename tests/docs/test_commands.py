@@ -51,6 +51,7 @@ UNATTENDED = {
     "report runs/sweep-importance": "reads the table of that sweep; tests/extensions/search",
     "validate": "takes minutes; tests/bench/manoeuvres",
     "field run": "takes minutes; tests/extensions/fields/test_field_run.py",
+    "field compare": "reads a run of a link; tests/extensions/fields/test_recorded_work.py",
 }
 """First words of commands that are only parsed, with the reasons."""
 ELSEWHERE = {

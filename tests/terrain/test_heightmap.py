@@ -157,7 +157,7 @@ BAD = {
     "folder.npy": ("folder", "is a folder"),
     "empty.npy": (b"", "is empty"),
     "empty.asc": (b"", "is empty"),
-    "notes.txt": (b"hello", "unknown file type '.txt'; convert the file to one of .npy, .png, .asc"),
+    "notes.doc": (b"hello", "unknown file type '.doc'; convert the file to one of .npy, .png, .asc"),
     "bare": (b"hello", "unknown file type ''"),
     "text.npy": (b"hello world, this is text", "cannot be read"),
     "short.npy": (saved(np.zeros((20, 20)))[:-9], "cannot be read"),

@@ -106,10 +106,15 @@ def swept_area(part: ImplementMotion, left: float, right: float) -> BaseGeometry
     """Return the ground swept by a bar between the lateral offsets `left` and `right` of the working point [m],
     positive to the left."""
     edges = [np.column_stack([part.x - np.sin(part.yaw) * d, part.y + np.cos(part.yaw) * d]) for d in (left, right)]
-    outline = shapely.polygons(np.concatenate([edges[0], edges[1][::-1]]))
+    return strip(*edges)
+
+
+def strip(left: Array, right: Array) -> BaseGeometry:
+    """Return the area between two edges with points of shape (n, 2) [m], also if the edges cross."""
+    outline = shapely.polygons(np.concatenate([left, right[::-1]]))
     if shapely.is_valid(outline):
         return outline
-    quads = shapely.polygons(np.stack(list(_quads(*edges)), axis=1))
+    quads = shapely.polygons(np.stack(list(_quads(left, right)), axis=1))
     bad = ~shapely.is_valid(quads)
     quads[bad] = shapely.convex_hull(quads[bad])
     return shapely.union_all(quads)

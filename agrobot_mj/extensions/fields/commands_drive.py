@@ -76,7 +76,7 @@ def field_plan(
     from agrobot_mj.simulation.results import results
 
     field = _field(file, crs, name, quiet)
-    given = _on_map(field, overrides(sets), quiet)
+    given = _with_terrain(field, overrides(sets), quiet)
     base, rig = _rig(field, width, overlap, turn, speed, radius, given, no_reverse)
     plan = _plan(field, rig, headlands, turn, order, _frame(field, base, angle, along), sections, beyond)
     folder = results_folder(out, f"plan-{field.name}")
@@ -138,7 +138,7 @@ def field_run(
     if (stored_file := file / PLAN_FILES[0]).is_file():
         raise ScenarioError(f"{file}: is the folder of a plan; specify the boundary file, and --plan {stored_file}")
     field = _field(file, crs, name, quiet)
-    given = _on_map(field, given, quiet)
+    given = _with_terrain(field, given, quiet)
     stored = stored_plan(plan_file) if plan_file else None
     worked = width or (stored.width if stored else DEFAULT_WIDTH_M)
     base, rig = _rig(field, worked, stored.overlap if stored else overlap, turn, speed, radius, given, no_reverse)
@@ -167,12 +167,12 @@ def _field(file: Path, crs: str, name: str, quiet: bool) -> "Field":
     return field
 
 
-def _on_map(field: "Field", given: dict[str, Any], quiet: bool) -> dict[str, Any]:
-    """Return the overrides with the position of the field in the map of its elevation model. A note is printed unless
+def _with_terrain(field: "Field", given: dict[str, Any], quiet: bool) -> dict[str, Any]:
+    """Return the overrides with the elevation model of the field and its map position. A note is printed unless
     `quiet`."""
-    from agrobot_mj.extensions.fields.map_position import with_map_origin
+    from agrobot_mj.extensions.fields.map_position import with_terrain
 
-    found, note = with_map_origin(field, given)
+    found, note = with_terrain(field, given)
     if note and not quiet:
         print(f"{field.name}: {note}", file=sys.stderr)
     return found

@@ -1,5 +1,6 @@
 """Evaluation of simulated field work from the log of the run: coverage, excursions, turns and field capacity."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -22,6 +23,8 @@ from agrobot_mj.metrics import RunView
 from agrobot_mj.paths.track import Index
 from agrobot_mj.simulation.log import Log
 
+SIGNALS = ("t", "x", "y", "yaw", "implement_x", "implement_y", "hitch_angle")
+"""Signals of a run from which the trajectory of the implement follows."""
 AROUND_M = 5.0
 """Distance before and after a pass in which the sections of the implement may be switched [m]."""
 
@@ -48,18 +51,10 @@ class FieldDrive:
     def motion(self) -> ImplementMotion:
         """Trajectory of the working point of the implement during the run."""
         column = self.log.column
-        t, x, y, yaw = (column(name) for name in ("t", "x", "y", "yaw"))
-        if "implement_x" in self.log.rows.columns:
-            at = column("implement_x"), column("implement_y"), yaw + column("hitch_angle")
-        else:
-            at = x - self.plan.behind * np.cos(yaw), y - self.plan.behind * np.sin(yaw), yaw
+        x, y, yaw = (column(name) for name in ("x", "y", "yaw"))
         ahead = np.cos(yaw) * (column("x_hat") - x) + np.sin(yaw) * (column("y_hat") - y)
-        found = ImplementMotion(t, *at, self._travelled_distances() + np.nan_to_num(ahead))
-        good = np.isfinite(np.column_stack(found)).all(axis=1)
-        if good.sum() < 2:
-            raise ScenarioError("the run ended before the implement moved; no coverage is available")
-        kept = ImplementMotion(*(values[good] for values in found))
-        return kept._replace(yaw=np.unwrap(kept.yaw))
+        signals = {name: column(name) for name in SIGNALS if name in self.log.rows.columns}
+        return implement_motion(signals, self.plan.behind, self._travelled_distances() + np.nan_to_num(ahead))
 
     def _travelled_distances(self) -> Array:
         """Return the arc length of the plan at the position of the CG in each tick [m]."""
@@ -147,6 +142,24 @@ class FieldDrive:
             for one, span in zip(self.plan.passes, self.spans(), strict=True)
             if one.part == "body" and span is not None
         ]
+
+
+def implement_motion(signals: Mapping[str, Array], behind: float, s: Array) -> ImplementMotion:
+    """Return the trajectory of the working point of the implement from the signals of a run, shape (n,) each.
+
+    Without the signals of an implement, the working point is `behind` [m] behind the CG. `s` is the arc length [m].
+    """
+    t, x, y, yaw = (signals[name] for name in ("t", "x", "y", "yaw"))
+    if "implement_x" in signals:
+        at = signals["implement_x"], signals["implement_y"], yaw + signals["hitch_angle"]
+    else:
+        at = x - behind * np.cos(yaw), y - behind * np.sin(yaw), yaw
+    found = ImplementMotion(t, *at, s)
+    good = np.isfinite(np.column_stack(found)).all(axis=1)
+    if good.sum() < 2:
+        raise ScenarioError("the run ended before the implement moved; no coverage is available")
+    kept = ImplementMotion(*(values[good] for values in found))
+    return kept._replace(yaw=np.unwrap(kept.yaw))
 
 
 def report(drive: FieldDrive) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """Fields, and legs of plans, in a local plane with x east and y north of an origin [m]."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 
 from shapely import Polygon
 
@@ -24,6 +25,9 @@ class Field:
     crs: str = ""  # Coordinate system of the file, for example EPSG:32631. Empty for metres in an unknown system.
     shift: tuple[float, float] = (0.0, 0.0)
     """East and north offsets subtracted from the coordinates in the file [m], or 0 for coordinates in degrees."""
+    elevation: Path | None = None  # File of recorded heights in the folder of the field
+    heights: Array | None = field(default=None, compare=False)
+    """Points of the boundary with different heights, shape (n, 3) [m], or None if the file has no heights."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,31 +1,47 @@
-"""Position of a field in the map of its elevation model."""
+"""Elevation model of a field: heights in its files, and position of the field in the map of the model."""
 
 from collections.abc import Mapping
 from math import atan2, degrees
 from pathlib import Path
 from typing import Any
 
-from agrobot_mj.core.geodesy import Origin, to_geodetic
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.geodesy import Origin, to_geodetic, to_local
+from agrobot_mj.core.resources import stamp_of
+from agrobot_mj.extensions.fields.drive import planning_scenario
 from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.paths.imports.shapes import DEGREES
+from agrobot_mj.terrain import Heightmap
+from agrobot_mj.terrain.elevation import interpolate, read_elevation
+from agrobot_mj.terrain.files import MOST_BYTES
 from agrobot_mj.terrain.geotiff import map_system
+from agrobot_mj.terrain.grid import Ground
 
-ORIGIN, FILE = "terrain.map_origin_m", "terrain.file"
+KIND, ORIGIN, FILE = "terrain.kind", "terrain.map_origin_m", "terrain.file"
 ROTATED_DEG = 0.5  # Angle between grid north and north above which a note states the angle [deg]
 NORTH_M = 100.0  # Distance north of the origin from which the direction of grid north is computed [m]
 
 
-def with_map_origin(field: Field, overrides: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
-    """Return overrides in which `terrain.map_origin_m` is the position of the field's origin in the map of the
-    elevation model, and a note, or an empty note if the overrides are unchanged.
+def with_terrain(field: Field, overrides: Mapping[str, Any]) -> tuple[dict[str, Any], str]:
+    """Return overrides with the elevation model of a field and with `terrain.map_origin_m`, the position of the field's
+    origin in the map of this model, and a note, or an empty note.
 
-    The map system is that of the field or, for a field in degrees, of the GeoTIFF.
+    Without `terrain.kind`, the model is the `Elevation.txt` in the folder of the field, unless this file is unusable or
+    the plant supports only level ground.
     """
-    given = dict(overrides)
+    given, level = dict(overrides), overrides.get("plant.kind") == "bicycle"
+    if field.elevation is not None and not level and not given.keys() & {"terrain", KIND, FILE}:
+        return _with_recorded_heights(field, given, field.elevation.absolute())
     file = given.get(FILE)
-    if not isinstance(file, str) or ORIGIN in given or Path(file).suffix.lower() not in (".tif", ".tiff", ".asc"):
+    if (
+        not isinstance(file, str)
+        or ORIGIN in given
+        or Path(file).suffix.lower() not in (".tif", ".tiff", ".asc", ".txt")
+    ):
         return given, ""
     name, system = Path(file).name, field.crs if field.crs != DEGREES else ""
+    if Path(file).suffix.lower() == ".txt":
+        return _in_local_plane(field, given, file), ""
     if not system and Path(file).suffix.lower() != ".asc":
         try:
             system = map_system(Path(file))
@@ -39,6 +55,53 @@ def with_map_origin(field: Field, overrides: Mapping[str, Any]) -> tuple[dict[st
     if abs(turned := degrees(atan2(east_above - east, north_above - north))) > ROTATED_DEG:
         note += f"; its grid is turned by {turned:.1f} deg, which is ignored"
     return given, note
+
+
+def _with_recorded_heights(field: Field, given: dict[str, Any], file: Path) -> tuple[dict[str, Any], str]:
+    """Return the overrides `given` with the heights in an Elevation.txt, and a note. Unusable heights are omitted."""
+    found = _in_local_plane(field, {**given, KIND: "heightmap", FILE: str(file)}, str(file))
+    try:
+        ground = Heightmap(file=str(file), map_origin_m=tuple(found.get(ORIGIN, (0.0, 0.0)))).ground()
+    except ValueError as error:
+        return given, f"the ground is level, because of {str(error).removeprefix('file: ')}"
+    if not _covers(ground, field):
+        return given, f"the ground is level, because {file.name} does not cover the field"
+    return found, ""
+
+
+def _covers(ground: Ground, field: Field) -> bool:
+    west, south, east, north = field.boundary.bounds
+    return ground.covers(west, south) and ground.covers(east, north)
+
+
+def ground_of(field: Field, given: Mapping[str, Any]) -> tuple[Ground | None, tuple[str, ...]]:
+    """Return the ground of a field, or None if its heights are unknown, and notes about the heights.
+
+    The ground is the terrain in `given`, a result of `with_terrain`, or else the ground through the boundary. Raise
+    `ScenarioError` for an invalid terrain.
+    """
+    if any(key.partition(".")[0] == "terrain" for key in given):
+        terrain = planning_scenario(field.name, {}, given).terrain
+        try:
+            ground = terrain.ground()
+        except ValueError as error:
+            raise ScenarioError(f"terrain.{error}") from None
+        partial = () if _covers(ground, field) else ("the terrain does not cover the whole field",)
+        return ground, (*terrain.notes, *partial)
+    if field.heights is None:
+        return None, ()
+    return interpolate(field.heights[:, :2], field.heights[:, 2])[0], ("the slope is computed from the boundary",)
+
+
+def _in_local_plane(field: Field, given: dict[str, Any], file: str) -> dict[str, Any]:
+    """Return the overrides `given` with the position of the field's origin relative to the start fix in an
+    Elevation.txt."""
+    try:
+        origin = read_elevation(stamp_of(file, (), MOST_BYTES)).origin
+    except ValueError:
+        return given  # a message about the file follows when it is read
+    place = field.shift if field.plane is None else to_local(origin, *field.plane)
+    return {**given, ORIGIN: [round(axis, 3) for axis in place]}
 
 
 def _map_coordinates(system: str, plane: Origin, norths: tuple[float, ...]) -> tuple[list[float], list[float]]:

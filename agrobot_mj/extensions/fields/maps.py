@@ -1,6 +1,6 @@
 """Map of a plan or of simulated field work, as a figure and as GeoJSON."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from matplotlib.path import Path as Outline
 from shapely.geometry.base import BaseGeometry
 
-from agrobot_mj.core.geodesy import Origin, to_geodetic
+from agrobot_mj.core.geodesy import Origin, geodetic_points
 from agrobot_mj.core.palette import BLACK, BLUE, GREEN, LIGHT_GREY, ORANGE, VERMILION
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.coverage import SLIVER_M2, FieldCoverage
@@ -26,15 +26,7 @@ WIDTH_IN, TALLEST_IN = 7.0, 8.0  # Width and maximum height of a map [in]
 def map_of(field: BaseGeometry, plan: Plan, found: FieldCoverage | None = None, track: Array | None = None) -> Figure:
     """Draw the map of a plan or, if given, the coverage `found` and the tractor track `track` (n, 2) [m] of simulated
     field work."""
-    west, south, east, north = field.bounds
-    height = min(TALLEST_IN, WIDTH_IN * (north - south) / (east - west) + 0.9)
-    figure = Figure((WIDTH_IN, height), layout="constrained")
-    axes = figure.subplots()
-    keys: list[Any] = []
-    if found is not None:
-        for area, colour, name in _layers(found):
-            _fill(axes, area, colour)
-            keys.append(Patch(color=colour, label=name))
+    figure, axes, keys = _map(field, _layers(found) if found is not None else ())
     if track is not None:
         axes.plot(*track.T, color=BLACK, linewidth=0.5)
         keys.append(Line2D([], [], color=BLACK, linewidth=0.8, label="track"))
@@ -43,12 +35,31 @@ def map_of(field: BaseGeometry, plan: Plan, found: FieldCoverage | None = None, 
         for kind, points in _lines(plan):
             axes.plot(*points.T, color=colours[kind], linewidth=0.8)
         keys += [Line2D([], [], color=colour, linewidth=1, label=kind) for kind, colour in colours.items()]
+    figure.legend(handles=keys, loc="outside upper center", ncols=len(keys))
+    return figure
+
+
+def map_of_areas(field: BaseGeometry, layers: Iterable[tuple[BaseGeometry, str, str]]) -> Figure:
+    """Draw a map of the areas `layers` in a field, given by polygon, colour and name."""
+    figure, _, keys = _map(field, layers)
+    figure.legend(handles=keys, loc="outside upper center", ncols=len(keys))
+    return figure
+
+
+def _map(field: BaseGeometry, layers: Iterable[tuple[BaseGeometry, str, str]]) -> tuple[Figure, Any, list[Any]]:
+    """Return a figure with the boundary of a field and filled areas, its axes, and the legend entries."""
+    west, south, east, north = field.bounds
+    height = min(TALLEST_IN, WIDTH_IN * (north - south) / (east - west) + 0.9)
+    figure = Figure((WIDTH_IN, height), layout="constrained")
+    axes, keys = figure.subplots(), list[Any]()
+    for area, colour, name in layers:
+        _fill(axes, area, colour)
+        keys.append(Patch(color=colour, label=name))
     for part in shapely.get_parts(field):
         for ring in (part.exterior, *part.interiors):
             axes.plot(*np.array(ring.coords)[:, :2].T, color=BLACK, linewidth=1.2)
     axes.set(aspect="equal", xlabel="east [m]", ylabel="north [m]")
-    figure.legend(handles=keys, loc="outside upper center", ncols=len(keys))
-    return figure
+    return figure, axes, keys
 
 
 def _layers(found: FieldCoverage) -> Iterator[tuple[BaseGeometry, str, str]]:
@@ -110,16 +121,11 @@ def geojson(
 def _feature(shape: BaseGeometry, properties: dict[str, Any], plane: Origin | None) -> dict[str, Any]:
     """Return a GeoJSON feature for a shape, with coordinates rounded to 0.1 mm or 1e-9 deg."""
     if plane is not None:
-        shape = shapely.transform(shape, lambda points: _degrees(points, plane))
+        shape = shapely.transform(shape, lambda points: geodetic_points(plane, points))
     geometry = shapely.geometry.mapping(
         shapely.geometry.polygon.orient(shape) if shape.geom_type == "Polygon" else shape
     )
     return {"type": "Feature", "properties": properties, "geometry": _round_values(geometry, 4 if plane is None else 9)}
-
-
-def _degrees(points: Array, plane: Origin) -> Array:
-    """Convert points (n, 2) in a local plane [m] to longitude and latitude [deg]."""
-    return np.array([to_geodetic(plane, *point)[::-1] for point in points.tolist()])
 
 
 def _round_values(value: Any, digits: int) -> Any:

@@ -1,5 +1,6 @@
 """Output files and text summary of a field work plan."""
 
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -27,10 +28,16 @@ def write_plan(folder: Path, field: Field, plan: Plan) -> None:
 
 
 def write_scenario(folder: Path, field: Field, plan: Plan, base: Scenario, overrides: Mapping[str, Any]) -> None:
-    """Write a scenario for simulating the plan file in `folder`, for example in comparisons and sweeps."""
+    """Write a scenario for simulating the plan file in `folder`, for example in comparisons and sweeps, and copies of
+    the other files that the scenario reads."""
     scenario = driving_scenario(field, plan, (folder / PLAN_FILE).absolute(), base, overrides)
+    text, files = scenario.portable()
+    for name, source in files.items():
+        if name != PLAN_FILE:
+            with atomic(folder / name) as path:
+                shutil.copyfile(source, path)
     with atomic(folder / "scenario.toml") as path:
-        path.write_text(scenario.portable()[0], encoding="utf-8")
+        path.write_text(text, encoding="utf-8")
 
 
 def plan_text(plan: Plan, field: Field, depth: float) -> tuple[str, dict[str, Any]]:

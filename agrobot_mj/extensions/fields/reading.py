@@ -13,20 +13,24 @@ import shapely
 from shapely import Polygon
 
 from agrobot_mj.core.errors import ScenarioError, suggestion
-from agrobot_mj.core.geodesy import Origin, to_geodetic
+from agrobot_mj.core.geodesy import Origin, metres_per_latitude, metres_per_longitude, to_geodetic
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.field import Field, Leg
 from agrobot_mj.extensions.fields.legs import legs_of
 from agrobot_mj.extensions.fields.repair import boundary_polygon, inner_polygons, without
-from agrobot_mj.extensions.fields.sources import field_shapes, plan_shapes
+from agrobot_mj.extensions.fields.sources import elevation_file, field_shapes, plan_shapes
 from agrobot_mj.paths.imports import LocalShapes, Polyline, ShapeFile, local_shapes
 from agrobot_mj.paths.imports.plane import FAR_M
+from agrobot_mj.paths.imports.shapes import DEGREES
 
 INNER = ("hole", "obstacle", "headland")  # Roles of rings that belong to the preceding boundary
 SAME, APART = 1e-9, 0.05
 """Limits of the gap between the ends of a line, divided by the extent of the line [-]. A line with a gap up to `SAME`
 is a closed ring. A gap above `APART` is reported."""
 
+SAME_AREA, OTHER_AREA = 0.03, 0.15
+"""Maximum relative difference from the area in the file with swapped coordinates, and minimum difference with the given
+coordinates, for which latitude and longitude are swapped [-]. Assumed values."""
 REPEATED = 0.9
 """Fraction of the field area above which a ring inside the field counts as a second outline [-]. Assumed value."""
 CENTRED_M = 1.0
@@ -47,12 +51,12 @@ def read_field(path: Path, crs: str = "", name: str = "") -> Field:
             notes.append("the file has no closed ring; the ends of a line are joined to form the boundary")
         inside = [group for group in groups if group is not chosen and _is_within(group[0].points, chosen[0].points)]
         shapes = [*chosen, *(replace(group[0], role="inner") for group in inside)]
-        file, label = replace(file, shapes=tuple(shapes)), chosen[0].name or file.name
+        file, label = _in_order(replace(file, shapes=tuple(shapes)), chosen[0]), chosen[0].name or file.name
         local = local_shapes(file, crs)
         field = _field(local, label, notes)
         if middle := _middle(field, file):
             field = _field(local_shapes(file, crs, middle), label, notes)
-        return field
+        return replace(field, elevation=elevation_file(path))
     except ValueError as error:
         raise ScenarioError(f"{path.name}: {error}") from None
 
@@ -149,7 +153,36 @@ def _field(local: LocalShapes, name: str, notes: list[str]) -> Field:
     return Field(
         *(name, worked, tuple(obstacles), local.origin, (*notes, *said, *more), headland, local.crs),
         shift=local.shift,
+        heights=_heights(local.shapes[0]),
     )
+
+
+def _in_order(file: ShapeFile, ring: Polyline) -> ShapeFile:
+    """Return a file in which latitude and longitude are swapped if the area in the properties of the boundary [ha] fits
+    only the other order."""
+    area = ring.properties.get("area")
+    if file.crs != DEGREES or not isinstance(area, int | float) or not area > 0 or np.abs(ring.points).max() > 90:
+        return file
+    given, other = (_hectares(points) / area for points in (ring.points, ring.points[:, ::-1]))
+    if abs(other - 1) > SAME_AREA or abs(given - 1) < OTHER_AREA:
+        return file
+    note = (
+        f"latitude and longitude are swapped, because the area of {area:.4g} ha in the file fits only the other order"
+    )
+    shapes = tuple(replace(shape, points=shape.points[:, ::-1]) for shape in file.shapes)
+    return replace(file, shapes=shapes, notes=(*file.notes, note))
+
+
+def _hectares(points: Array) -> float:
+    """Return the area of a ring of longitudes and latitudes [deg], in hectares."""
+    latitude = float(points[:, 1].mean())
+    return _area(points) * metres_per_longitude(latitude) * metres_per_latitude(latitude) / 1e4
+
+
+def _heights(ring: Polyline) -> Array | None:
+    """Return the points of a ring with their heights, shape (n, 3) [m], or None if all heights are equal."""
+    heights = ring.columns.get("height", np.zeros(1))
+    return np.column_stack([ring.points, heights]) if np.ptp(heights) > 0 else None
 
 
 def _middle(field: Field, file: ShapeFile) -> LocalShapes | None:

@@ -24,6 +24,8 @@ PREFERRED = (".shp", ".geojson", ".kml", ".gml", ".gpx", ".json", ".wkt", ".csv"
 """File extensions in order of preference, for folders and archives without files of AgOpenGPS or ISO 11783."""
 BOUNDARIES, PLANS = ("Boundary.txt", "Headland.txt"), ("RecPath.txt", "TrackLines.txt")
 """AgOpenGPS files of a field boundary, all of which are read, and AgOpenGPS files of a plan, in order of preference."""
+ELEVATION, HEAD_CHARACTERS = "Elevation.txt", 2000
+"""AgOpenGPS file of recorded heights, and number of characters that are read to find its first point."""
 
 
 def field_shapes(path: Path) -> ShapeFile:
@@ -34,6 +36,20 @@ def field_shapes(path: Path) -> ShapeFile:
 def plan_shapes(path: Path) -> ShapeFile:
     """Return the shapes of a plan from a file, folder or zip archive. Raise `ScenarioError` for an unusable source."""
     return _shapes(path, _tracks)
+
+
+def elevation_file(path: Path) -> Path | None:
+    """Return the `Elevation.txt` of the AgOpenGPS field at `path`, or None if it is missing or contains no points."""
+    folders = [path, *sorted(path.glob("*/"))] if path.is_dir() else [path.parent] * (path.suffix.lower() == ".txt")
+    folder = next(filter(is_folder_of_field, folders), None)
+    if folder is None or not (file := folder / ELEVATION).is_file():
+        return None
+    try:
+        with file.open(encoding="utf-8-sig", errors="replace") as stream:
+            rows = stream.read(HEAD_CHARACTERS).partition("\nLatitude,")[2]
+    except OSError:
+        return file  # a message about the file follows when it is read
+    return file if "\n" in rows.strip() else None
 
 
 def _shapes(path: Path, of_agopengps: Callable[[Path], ShapeFile]) -> ShapeFile:

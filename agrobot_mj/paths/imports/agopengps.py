@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from agrobot_mj.core.geodesy import Origin
+from agrobot_mj.core.geometry import in_polygon
 from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.imports.shapes import Polyline, ShapeFile
 
@@ -26,6 +27,8 @@ HEADS = {
 }
 """Role of the shapes in an AgOpenGPS file, keyed by the first line of the file."""
 LINE_M = 1000.0  # Length by which an AB line extends beyond each of its points [m], as in exports of AgOpenGPS
+SHORT_M = 200.0  # Length by which a path without a field boundary extends beyond the points of an AB line [m]
+BOUNDARY, TRACKS = "Boundary.txt", "TrackLines.txt"
 AB_LINE, PIVOT = 2, 64  # Modes of tracks: straight line through two points, and circle
 WHOLE, DECIMALS = re.compile(r"[+-]?\d+"), re.compile(r"\d+(?:[eE][+-]?\d+)?")
 """Patterns of the integer part and the decimal part of a number with a decimal comma."""
@@ -155,6 +158,37 @@ def _tracks(lines: _Lines) -> Iterator[Polyline]:
             points = points + nudge * np.array([cos(heading), -sin(heading)])
         if mode != PIVOT and len(points) >= 2:
             yield Polyline(points, False, "track", name, properties={"extends": mode == AB_LINE})
+
+
+def cut_line(points: Array, boundary: ShapeFile | None) -> tuple[Array, str]:
+    """Return the longest part of an AB line, shape (2, 2) [m], that is inside the field, and a note.
+
+    Without a boundary, the line extends SHORT_M beyond the points A and B. Raise ValueError for a line outside the
+    field.
+    """
+    if boundary is None or not boundary.shapes:
+        along = (points[1] - points[0]) / np.hypot(*(points[1] - points[0]))
+        cut = (LINE_M - SHORT_M) * np.array([along, -along])
+        return points + cut, f"the AB line extends {SHORT_M:g} m beyond A and B, because there is no {BOUNDARY}"
+    parts = _inside(points, boundary.shapes[0].points)
+    if not parts:
+        raise ValueError(f"the AB line does not cross the field in {BOUNDARY}; choose another line")
+    return max(parts, key=lambda part: float(np.hypot(*(part[1] - part[0])))), f"the AB line is cut at {BOUNDARY}"
+
+
+def _inside(points: Array, ring: Array) -> list[Array]:
+    """Return the parts of a straight line, shape (2, 2), inside a ring of shape (n, 2)."""
+    start, along = points[0], points[1] - points[0]
+    x, y = (ring - start).T
+    left, ahead = along[0] * y - along[1] * x, (along[0] * x + along[1] * y) / (along @ along)
+    other, further = np.roll(left, -1), np.roll(ahead, -1)
+    crossed = (left > 0) != (other > 0)
+    fraction = left[crossed] / (left[crossed] - other[crossed])
+    marks = np.sort((ahead[crossed] + fraction * (further[crossed] - ahead[crossed])).clip(0, 1))
+    ends = start + marks[:, None] * along
+    corners = [(east, north) for east, north in ring.tolist()]
+    parts = [ends[k : k + 2] for k in np.flatnonzero(np.diff(marks) > 0)]
+    return [part for part in parts if in_polygon(corners, *part.mean(axis=0).tolist())]
 
 
 def _tram(lines: _Lines) -> Iterator[Polyline]:

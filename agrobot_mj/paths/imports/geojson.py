@@ -82,7 +82,7 @@ def of_geometry(geometry: Any, properties: Mapping[str, Any]) -> Iterator[Polyli
     elif kind in ("Polygon", "MultiPolygon"):
         for polygon in _checked_list(parts) if kind == "MultiPolygon" else [parts]:
             for k, ring in enumerate(_checked_list(polygon)):
-                yield Polyline(_points(ring), True, "hole" if k else role, name, properties=properties)
+                yield Polyline(_points(ring), True, "hole" if k else role, name, _heights(ring), properties)
     elif kind in ("LineString", "MultiLineString"):
         for line in _checked_list(parts) if kind == "MultiLineString" else [parts]:
             points = _points(line)
@@ -106,6 +106,18 @@ def _points(found: Any) -> Array:
     except (TypeError, ValueError, IndexError, KeyError):
         raise ValueError("the file has a position that is not a pair of numbers; export the file again") from None
     return points
+
+
+def _heights(found: Any) -> dict[str, Array]:
+    """Return the column `height` of positions that all have a height [m], or an empty dict."""
+    heights = [each[2] for each in found if len(each) > 2 and isinstance(each[2], int | float)]
+    return height_column(heights, len(found))
+
+
+def height_column(heights: list[Any], count: int) -> dict[str, Array]:
+    """Return the column `height` if each of `count` points has a finite height [m], or an empty dict."""
+    column = np.array(heights, dtype=float)
+    return {"height": column} if len(column) == count and np.isfinite(column).all() else {}
 
 
 def _per_point(properties: Mapping[str, Any], count: int) -> dict[str, Array]:

@@ -36,7 +36,7 @@ def local_shapes(file: ShapeFile, crs: str = "", plane: LocalShapes | None = Non
         raise ValueError("the file contains no positions; export the file again")
     crs = crs or file.crs
     if crs:
-        return _from_degrees(file, crs, _geographic(file, crs), plane)
+        return _from_degrees(*_geographic(file, crs), crs, plane)
     if plane is not None and plane.origin is not None and file.origin is not None:
         east, north = local_points(plane.origin, np.array([file.origin.latitude]), np.array([file.origin.longitude]))[0]
         return _shift_shapes(file, (-float(east), -float(north)), plane.origin)
@@ -44,7 +44,7 @@ def local_shapes(file: ShapeFile, crs: str = "", plane: LocalShapes | None = Non
     return _shift_shapes(file, shift, file.origin if shift == (0.0, 0.0) else None)
 
 
-def _from_degrees(file: ShapeFile, crs: str, shapes: list[Polyline], plane: LocalShapes | None) -> LocalShapes:
+def _from_degrees(file: ShapeFile, shapes: list[Polyline], crs: str, plane: LocalShapes | None) -> LocalShapes:
     """Convert shapes from degrees to metres of a local plane; longitudes must be continuous across the antimeridian."""
     if plane is not None and plane.origin is None:
         raise ValueError("the file has geographic coordinates, but the field does not; use one coordinate system")
@@ -52,7 +52,7 @@ def _from_degrees(file: ShapeFile, crs: str, shapes: list[Polyline], plane: Loca
     if np.abs(lat).max() > 90 >= np.abs(lon).max() and np.abs(lat).max() <= 360:
         swapped = replace(file, notes=(*file.notes, "the positions are read as latitude, longitude"))
         turned = [replace(shape, points=shape.points[:, ::-1]) for shape in shapes]
-        return _from_degrees(swapped, crs, turned, plane)
+        return _from_degrees(swapped, turned, crs, plane)
     if np.abs(lat).max() > 90 or np.abs(lon).max() > 360:
         raise ValueError("the file has no latitudes and longitudes in degrees; specify its coordinate system with crs")
     if plane is not None and plane.origin is not None:
@@ -66,15 +66,27 @@ def _from_degrees(file: ShapeFile, crs: str, shapes: list[Polyline], plane: Loca
     return LocalShapes(tuple(moved), wrapped, crs, (0.0, 0.0), file.name, file.notes)
 
 
-def _geographic(file: ShapeFile, crs: str) -> list[Polyline]:
-    convert = (lambda points: points) if crs == DEGREES else _converter(crs)
-    shapes = [replace(shape, points=convert(shape.points)) for shape in file.shapes if len(shape.points)]
+def _geographic(file: ShapeFile, crs: str) -> tuple[ShapeFile, list[Polyline]]:
+    """Return a file and its shapes in degrees. East and north are swapped if only the other order is in the area of the
+    coordinate system."""
+    shapes = [shape for shape in file.shapes if len(shape.points)]
+    if crs != DEGREES:
+        convert = _converter(crs)
+        try:
+            shapes = [replace(shape, points=convert(shape.points)) for shape in shapes]
+        except ValueError as error:
+            try:
+                shapes = [replace(shape, points=convert(shape.points[:, ::-1])) for shape in shapes]
+            except ValueError:
+                raise error from None
+            note = f"east and north are swapped, because only the other order is in the area of {crs[:60]}"
+            file = replace(file, notes=(*file.notes, note))
     lon = np.concatenate([shape.points[:, 0] for shape in shapes])
     if np.ptp(lon) > 180:
         shapes = [
             replace(shape, points=np.column_stack([shape.points[:, 0] % 360, shape.points[:, 1]])) for shape in shapes
         ]
-    return shapes
+    return file, shapes
 
 
 def _around(longitude: float, points: Array) -> Array:

@@ -23,7 +23,7 @@ class Polyline:
     name: str = ""
     columns: Mapping[str, Array] = field(default_factory=dict)
     """Additional arrays of shape (n,) by column name, with one value per point: speed [m/s], whether the implement
-    works (0 or 1), driving direction (1 forward, -1 reverse), and row of the table."""
+    works (0 or 1), driving direction (1 forward, -1 reverse), height [m], and row of the table."""
     properties: Mapping[str, Any] = field(default_factory=dict)
 
 

@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from agrobot_mj.core.signals import Array
+from agrobot_mj.paths.imports.geojson import height_column
 from agrobot_mj.paths.imports.shapes import DEGREES, Polyline, ShapeFile
 
 
@@ -35,21 +36,36 @@ def _of_placemark(mark: ElementTree.Element) -> Iterator[Polyline]:
     for polygon in mark.iter("Polygon"):
         for side, role in (("outerBoundaryIs", ""), ("innerBoundaryIs", "hole")):
             for ring in polygon.findall(f"{side}/LinearRing"):
-                yield Polyline(_coordinates(ring), True, role, name)
+                yield _ring(ring, role, name)
     for line in mark.iter("LineString"):
         yield Polyline(_coordinates(line), False, "", name)
     for ring in [each for kind in ("MultiGeometry", ".") for each in mark.findall(f"{kind}/LinearRing")]:
-        yield Polyline(_coordinates(ring), True, "", name)
+        yield _ring(ring, "", name)
     for track in mark.iter("Track"):
         yield Polyline(_numbers([(each.text or "").split() for each in track.findall("coord")]), False, "", name)
     for point in mark.iter("Point"):
         yield Polyline(_coordinates(point), False, "point", name)
 
 
+def _ring(element: ElementTree.Element, role: str, name: str) -> Polyline:
+    cells = _cells(element)
+    points = _numbers(cells)
+    try:
+        heights = [float(cell[2]) for cell in cells if len(cell) > 2]
+    except ValueError:
+        heights = []
+    return Polyline(points, True, role, name, height_column(heights, len(points)))
+
+
 def _coordinates(element: ElementTree.Element) -> Array:
-    """Return the positions in a KML element, shape (n, 2) [deg], from tuples longitude,latitude[,height]."""
+    """Return the positions in a KML element, shape (n, 2) [deg]."""
+    return _numbers(_cells(element))
+
+
+def _cells(element: ElementTree.Element) -> list[list[str]]:
+    """Return the tuples longitude,latitude[,height] in a KML element."""
     text = "".join(each.text or "" for each in element.iter("coordinates"))
-    return _numbers([part.split(",") for part in text.split()])
+    return [part.split(",") for part in text.split()]
 
 
 def _numbers(cells: list[list[str]]) -> Array:

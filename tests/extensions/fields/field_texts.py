@@ -103,3 +103,15 @@ def aog(folder, comma="."):
     (folder / "Boundary.txt").write_text(f"$Boundary\r\nFalse\r\n{listed(RING)}False\r\nFalse\r\n{listed(HOLE)}")
     (folder / "Headland.txt").write_text(f"$Headland\r\n{listed(0.8 * RING)}")
     return folder
+
+
+def elevation(folder, height, quality=4, origin=ORIGIN, apart=10.0):
+    """Write the heights of a function of x and y [m] along passes over the field to an Elevation.txt."""
+    text = f"2026\r\n$FieldDir\r\nElevation\r\nStartFix\r\n{origin.latitude},{origin.longitude}\r\n"
+    text += "Latitude,Longitude,Elevation,Quality,Easting,Northing,Heading,Roll\r\n"
+    for y in np.arange(-75.0, 80.0, apart).tolist():
+        for x in np.arange(-150.0, 151.0, 3.0).tolist():
+            latitude, longitude = to_geodetic(ORIGIN, x, y)
+            text += f"{latitude:.7f},{longitude:.7f},{height(x, y):.3f},{quality},{x:,.2f},{y:,.2f},1.571,0\r\n"
+    (folder / "Elevation.txt").write_text(text, newline="")
+    return folder

@@ -131,14 +131,20 @@ def test_metres_from_a_local_origin_are_rejected_in_a_national_grid(tmp_path):
         read_field(file, crs="EPSG:25832")
 
 
-def test_grid_coordinates_in_the_wrong_order_are_rejected(tmp_path):
+def test_grid_coordinates_in_the_wrong_order_are_swapped(tmp_path):
     pytest.importorskip("pyproj")
     file = tmp_path / "swapped.csv"
     file.write_text("x,y\n5795000,400000\n5795000,400120\n5795090,400120\n5795090,400000\n")
+    swapped = read_field(file, crs="EPSG:32632")
+    assert swapped.notes == ("east and north are swapped, because only the other order is in the area of EPSG:32632",)
+    file.write_text("x,y\n400000,5795000\n400120,5795000\n400120,5795090\n400000,5795090\n")
+    field = read_field(file, crs="EPSG:32632")
+    assert (field.notes, field.boundary.area) == ((), pytest.approx(120 * 90, rel=1e-3))
+    assert swapped.plane == pytest.approx(field.plane)
+    assert swapped.boundary.symmetric_difference(field.boundary).area < 0.1
+    file.write_text("x,y\n5795000,5795000\n5795000,5795120\n5795090,5795120\n")
     with pytest.raises(ScenarioError, match="outside the area of EPSG:32632; correct the coordinate system, or the or"):
         read_field(file, crs="EPSG:32632")
-    file.write_text("x,y\n400000,5795000\n400120,5795000\n400120,5795090\n400000,5795090\n")
-    assert read_field(file, crs="EPSG:32632").boundary.area == pytest.approx(120 * 90, rel=1e-3)
     file.write_text("x,y\n2000000,4000000\n2000120,4000000\n2000120,4000090\n2000000,4000090\n")
     assert read_field(file, crs="EPSG:3460").plane.longitude == pytest.approx(178.75, abs=0.01)  # Fiji
 
@@ -233,3 +239,32 @@ def test_largest_field_of_a_file_is_used_unless_a_name_is_specified(tmp_path):
         match=r"farm\.geojson: the file has no field 'Sout'; did you mean 'South'\? \(available: South, North",
     ):
         read_field(tmp_path / "farm.geojson", name="Sout")
+
+
+@pytest.mark.parametrize("name", ["fiboa.json", "taskdata.xml"])
+@pytest.mark.parametrize("hectares", [4.54, 4.5])
+def test_swapped_degrees_are_found_by_the_area_in_the_file(tmp_path, name, hectares):
+    swapped = [place[::-1] for place in degrees(RING)]
+    content = geojson(feature(swapped, area=hectares), fiboa_version="0.3.0")
+    if name == "taskdata.xml":
+        ring = "".join(f'<PNT A="2" C="{y:.9f}" D="{x:.9f}"/>' for x, y in swapped)
+        content = f'<ISO11783_TaskData><PFD A="PFD1" C="North" D="{1e4 * hectares:.0f}"><PLN A="1"><LSG A="1">{ring}'
+        content += "</LSG></PLN></PFD></ISO11783_TaskData>"
+    field = field_of(tmp_path, name, content)
+    assert field.plane == pytest.approx(ORIGIN, abs=1e-6)
+    assert field.boundary.area == pytest.approx(45_400.0, rel=1e-3)
+    said = f"the area of {hectares:.4g} ha in the file fits only the other order"
+    assert field.notes == (f"latitude and longitude are swapped, because {said}",)
+
+
+def test_area_that_fits_both_orders_of_degrees_keeps_the_given_order(tmp_path):
+    ring = [[44.0 + x * 1.27e-5, 45.0 + y * 0.9e-5] for x, y in (*RING, RING[0])]
+    field = field_of(tmp_path, "a.json", geojson(feature(ring, area=4.54)))
+    assert (round(field.plane.latitude), round(field.plane.longitude), field.notes) == (45, 44, ())
+
+
+@pytest.mark.parametrize("area", [4.54, 11.22, 45_400, 0, -1, "4.54", None, float("nan")])
+def test_degrees_in_the_given_order_are_kept_whatever_the_area_in_the_file(tmp_path, area):
+    field = field_of(tmp_path, "a.json", geojson(feature(degrees(RING), area=area)))
+    assert field.plane == pytest.approx(ORIGIN, abs=1e-6)
+    assert field.notes == ()

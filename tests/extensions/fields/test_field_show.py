@@ -7,6 +7,8 @@ import pytest
 
 pytest.importorskip("shapely")
 
+from field_texts import RING, aog, degrees, elevation
+
 TEXT = "x,y\n0,0\n100,0\n100,100\n50,20\n0,100\n0,100\n"
 """Field of 0.6 ha with a notch and a repeated point."""
 
@@ -57,7 +59,12 @@ def test_field_command_without_a_subcommand_lists_the_subcommands(call):
 def test_help_of_the_field_command_describes_its_subcommands(call):
     status, out, err = call("field", "--help")
     assert (status, err) == (0, "")
-    assert [line[:12].rstrip() for line in out.splitlines()] == ["field show", "field plan", "field run"]
+    assert [line[:12].rstrip() for line in out.splitlines()] == [
+        "field show",
+        "field plan",
+        "field run",
+        "field compar",
+    ]
     assert "Plan headland laps, swaths and turns" in out
 
 
@@ -81,3 +88,104 @@ def test_incomplete_price_is_rejected_before_planning(call, file):
         2,
         "--price seed=3: the name must be one of input_ha, yield_ha, hour; the value must be at least 0\n",
     )
+
+
+def shown(call, *words):
+    status, out, err = call("field", "show", *words, "--json")
+    assert (status, err) == (0, "")
+    return json.loads(out)
+
+
+def test_slope_of_a_given_plane_is_printed_with_its_direction(call, file):
+    keys = ("terrain.kind=slope", "terrain.grade_deg=6", "terrain.direction_deg=45")
+    sets = [word for key in keys for word in ("--set", key)]
+    slope = shown(call, file, *sets)["slope"]
+    assert [slope[key] for key in ("mean_deg", "max_deg")] == pytest.approx([6.0, 6.0])
+    assert slope["falls_to_deg"] == pytest.approx(-135.0)
+    rise = math.tan(math.radians(6)) * 100 * math.sqrt(2)
+    assert slope["highest_m"] - slope["lowest_m"] == pytest.approx(rise, rel=0.03)  # nodes 2 m apart
+    assert "mean slope 6.0 deg, falling to the south-west; maximum 6.0 deg" in call("field", "show", file, *sets)[1]
+
+
+def test_recorded_heights_of_a_hill_give_its_maximum_slope(call, tmp_path):
+    folder = elevation(aog(tmp_path / "farm"), lambda x, y: 80.0 + 5.0 * math.exp(-(x * x + y * y) / (2 * 40.0**2)))
+    slope = shown(call, folder, "--out", tmp_path / "out")["slope"]
+    steepest = math.degrees(math.atan(5.0 / (40.0 * math.sqrt(math.e))))  # at one standard deviation from the top
+    assert slope["max_deg"] == pytest.approx(steepest, rel=0.05)
+    assert math.hypot(slope["max_x_m"], slope["max_y_m"]) == pytest.approx(40.0, abs=6.0)
+    assert slope["falls_to_deg"] is None
+    assert slope["notes"] == ["heights are interpolated from 1616 of 1616 points, with a cell size of 2 m"]
+
+
+def test_level_ground_replaces_recorded_heights_on_request(call, tmp_path):
+    folder = elevation(aog(tmp_path / "farm"), lambda x, y: 0.1 * x)
+    _, out, _ = call("field", "show", folder, "--set", "terrain.kind=flat", "--out", tmp_path / "out")
+    assert "level ground" in out.splitlines()
+
+
+def test_unusable_recorded_heights_are_reported_as_a_problem(call, tmp_path):
+    folder = elevation(aog(tmp_path / "farm"), lambda x, y: 0.1 * x, quality=8)
+    found = shown(call, folder, "--out", tmp_path / "out")
+    assert found["slope"] is None
+    assert "the ground is level, because of Elevation.txt: the file has 0 of 1616 points with an RTK fix" in str(
+        found["notes"]
+    )
+
+
+def test_elevation_file_without_points_is_ignored(call, tmp_path):
+    folder = elevation(aog(tmp_path / "farm"), lambda x, y: 0.0)
+    text = (folder / "Elevation.txt").read_text()
+    (folder / "Elevation.txt").write_text(text[: text.index("Roll") + 5])
+    found = shown(call, folder, "--out", tmp_path / "out")
+    assert (found["slope"], found["notes"]) == (None, [])
+
+
+@pytest.mark.parametrize("suffix", ["geojson", "kml"])
+def test_heights_of_the_boundary_give_the_slope_of_the_field(call, tmp_path, suffix):
+    heights = [*(30.0 + 0.05 * x - 0.02 * y for x, y in RING), 30.0 + 0.05 * -150 - 0.02 * -80]
+    ring = [[*place, height] for place, height in zip(degrees(RING), heights, strict=True)]
+    text = json.dumps({"type": "Polygon", "coordinates": [ring]})
+    if suffix == "kml":
+        places = " ".join(",".join(map(str, place)) for place in ring)
+        boundary = f"<outerBoundaryIs><LinearRing><coordinates>{places}</coordinates></LinearRing></outerBoundaryIs>"
+        text = f"<kml><Placemark><Polygon>{boundary}</Polygon></Placemark></kml>"
+    (tmp_path / f"a.{suffix}").write_text(text)
+    slope = shown(call, tmp_path / f"a.{suffix}", "--out", tmp_path / "out")["slope"]
+    assert slope["mean_deg"] == pytest.approx(math.degrees(math.atan(math.hypot(0.05, 0.02))), rel=0.05)
+    assert slope["falls_to_deg"] == pytest.approx(math.degrees(math.atan2(0.02, -0.05)), abs=3.0)
+    assert slope["notes"] == ["the slope is computed from the boundary"]
+
+
+def test_equal_heights_of_the_boundary_give_no_slope(call, tmp_path):
+    text = json.dumps({"type": "Polygon", "coordinates": [[[*place, 0] for place in degrees(RING)]]})
+    (tmp_path / "a.geojson").write_text(text)
+    assert shown(call, tmp_path / "a.geojson", "--out", tmp_path / "out")["slope"] is None
+
+
+def test_invalid_terrain_of_a_field_is_rejected_with_the_fix(call, file):
+    words = ("--set", "terrain.kind=heightmap", "--set", "terrain.file=none.tif")
+    status, out, err = call("field", "show", file, *words)
+    assert (status, out) == (2, "")
+    assert err.startswith("terrain.file: none.tif: no such file in ")
+
+
+def test_terrain_that_does_not_cover_the_field_is_reported(call, file):
+    sets = ("--set", "terrain.kind=slope", "--set", "terrain.grade_deg=6", "--set", "terrain.half_size_m=60")
+    assert shown(call, file, *sets)["slope"]["notes"] == ["the terrain does not cover the whole field"]
+
+
+def test_contour_lines_are_drawn_at_their_heights(tmp_path):
+    import numpy as np
+    from shapely import box
+
+    from agrobot_mj.extensions.fields.describe import draw_field
+    from agrobot_mj.extensions.fields.field import Field
+    from agrobot_mj.extensions.fields.slope import relief_of
+    from agrobot_mj.terrain.grid import plane
+
+    boundary = box(-50.0, -20.0, 50.0, 20.0)
+    axes = draw_field(Field("a", boundary), relief_of(boundary, plane(0.05, 0.0, 200.0))).axes[0]
+    (lines,) = (each for each in axes.collections if hasattr(each, "levels"))
+    assert lines.levels.tolist() == pytest.approx(np.arange(-2.5, 2.5, 0.5).tolist())
+    for level, path in zip(lines.levels, lines.get_paths(), strict=True):
+        assert path.vertices[:, 0] == pytest.approx(level / 0.05)

@@ -2,13 +2,18 @@
 
 import numpy as np
 import pytest
+from field_texts import ORIGIN as ORIGIN_OF_TEXTS
+from field_texts import aog, elevation
 from PIL import Image, TiffImagePlugin
 from scipy.integrate import quad
 from shapely import box
 
-from agrobot_mj.core.geodesy import Origin
+from agrobot_mj.core.geodesy import Origin, metres_per_latitude
 from agrobot_mj.extensions.fields.field import Field
-from agrobot_mj.extensions.fields.map_position import FILE, ORIGIN, with_map_origin
+from agrobot_mj.extensions.fields.map_position import FILE, KIND, ORIGIN, ground_of, with_terrain
+from agrobot_mj.extensions.fields.reading import read_field
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.terrain import height_and_gradient
 from agrobot_mj.terrain.geotiff import GEO_KEYS
 
 GRID, PLACE = 32632, Origin(52.3, 9.0)  # on the central meridian of the grid, with the easting 500 km
@@ -30,7 +35,7 @@ def field(plane=PLACE, crs="EPSG:4326"):
 
 def test_field_in_degrees_gets_its_position_in_the_map_of_a_geotiff(tmp_path):
     pytest.importorskip("pyproj")
-    given, note = with_map_origin(field(), dem(tmp_path))
+    given, note = with_terrain(field(), dem(tmp_path))
     assert given[ORIGIN] == pytest.approx([500_000.0, NORTHING], abs=0.01)
     assert (
         note
@@ -40,13 +45,13 @@ def test_field_in_degrees_gets_its_position_in_the_map_of_a_geotiff(tmp_path):
 
 def test_field_in_a_national_grid_gets_its_position_in_this_grid(tmp_path):
     pytest.importorskip("pyproj")
-    given, _ = with_map_origin(field(crs="EPSG:32632"), {FILE: str(tmp_path / "dem.asc")})
+    given, _ = with_terrain(field(crs="EPSG:32632"), {FILE: str(tmp_path / "dem.asc")})
     assert given[ORIGIN] == pytest.approx([500_000.0, NORTHING], abs=0.01)
 
 
 def test_note_states_the_rotation_of_the_grid(tmp_path):
     pytest.importorskip("pyproj")
-    _, note = with_map_origin(field(Origin(52.3, 11.5)), dem(tmp_path))
+    _, note = with_terrain(field(Origin(52.3, 11.5)), dem(tmp_path))
     # meridian convergence: difference of longitude times sin(latitude)
     assert f"turned by {2.5 * np.sin(np.radians(52.3)):.1f} deg" in note.replace("-", "")
 
@@ -54,7 +59,7 @@ def test_note_states_the_rotation_of_the_grid(tmp_path):
 @pytest.mark.parametrize(("plane", "code"), [(None, GRID), (PLACE, 32767)])
 def test_unknown_map_position_of_a_field_is_reported(tmp_path, plane, code):
     given = dem(tmp_path, code)
-    assert with_map_origin(field(plane), given) == (
+    assert with_terrain(field(plane), given) == (
         given,
         "the middle of dem.tif is at the origin of the field; set terrain.map_origin_m for the true position",
     )
@@ -62,4 +67,77 @@ def test_unknown_map_position_of_a_field_is_reported(tmp_path, plane, code):
 
 @pytest.mark.parametrize("given", [{}, {FILE: "dem.npy"}, {FILE: "dem.tif", ORIGIN: [1.0, 2.0]}, {FILE: "none.tif"}])
 def test_other_overrides_are_unchanged(given):
-    assert with_map_origin(field(), given) == (given, "")
+    assert with_terrain(field(), given) == (given, "")
+
+
+def test_recorded_heights_in_the_folder_are_the_terrain_of_a_field(tmp_path):
+    start = Origin(ORIGIN_OF_TEXTS.latitude + 0.001, ORIGIN_OF_TEXTS.longitude)
+    elevation(aog(tmp_path / "farm"), lambda x, y: 20.0 + 0.05 * x - 0.03 * y, origin=start)
+    given, note = with_terrain(read_field(tmp_path / "farm"), {"machine": "row_crop"})
+    assert (given[KIND], given["machine"], note) == ("heightmap", "row_crop", "")
+    # the origin of the field is 0.001 deg south of the start fix of the heights
+    assert given[ORIGIN] == pytest.approx([0.0, -metres_per_latitude(start.latitude) / 1000], abs=0.001)
+    ground = ground_of(read_field(tmp_path / "farm"), given)[0]
+    for x, y in ((0.0, 0.0), (100.0, -50.0)):
+        assert height_and_gradient(ground, x, y) == pytest.approx((20.0 + 0.05 * x - 0.03 * y, 0.05, -0.03), abs=0.02)
+
+
+@pytest.mark.parametrize("given", [{KIND: "flat"}, {KIND: "slope"}, {"terrain": {"kind": "flat"}}])
+def test_given_terrain_replaces_recorded_heights(tmp_path, given):
+    elevation(aog(tmp_path / "farm"), lambda x, y: 0.05 * x)
+    assert with_terrain(read_field(tmp_path / "farm"), given) == (given, "")
+
+
+def test_scenario_of_a_plan_reads_a_copy_of_the_recorded_heights(tmp_path, call):
+    folder = elevation(aog(tmp_path / "farm"), lambda x, y: 0.05 * x)
+    assert call("field", "plan", folder, "--width", "12", "--out", tmp_path / "plan")[0] == 0
+    (folder / "Elevation.txt").unlink()
+    ground = load_scenario(str(tmp_path / "plan" / "scenario.toml")).terrain.ground()
+    assert height_and_gradient(ground, 10.0, 20.0) == pytest.approx((0.5, 0.05, 0.0), abs=0.02)
+
+
+def test_recorded_heights_of_another_field_are_omitted(tmp_path):
+    folder = elevation(aog(tmp_path / "farm"), lambda x, y: 0.05 * x)
+    fix = f"{ORIGIN_OF_TEXTS.latitude:.8f}"
+    (folder / "Field.txt").write_text((folder / "Field.txt").read_text().replace(fix, "58.40800000"))
+    given, note = with_terrain(read_field(folder), {})
+    assert (given, note) == ({}, "the ground is level, because Elevation.txt does not cover the field")
+
+
+def test_bicycle_plant_works_on_level_ground(tmp_path):
+    elevation(aog(tmp_path / "farm"), lambda x, y: 0.05 * x)
+    given = {"plant.kind": "bicycle"}
+    assert with_terrain(read_field(tmp_path / "farm"), given) == (given, "")
+
+
+@pytest.mark.parametrize("comma", [".", ","])
+def test_recorded_heights_far_from_the_start_fix_match_the_boundary(tmp_path, comma):
+    folder = elevation(aog(tmp_path / "farm", comma), lambda x, y: 20.0 + 0.05 * x, origin=Origin(58.37, 26.7))
+    start = f"{ORIGIN_OF_TEXTS.latitude:.8f};{ORIGIN_OF_TEXTS.longitude:.8f}".replace(".", comma).replace(";", ",")
+    far = "58.37000000;26.70000000".replace(".", comma).replace(";", ",")  # 3.3 km south of the field
+    north = (ORIGIN_OF_TEXTS.latitude - 58.37) * metres_per_latitude(58.37)
+    (folder / "Field.txt").write_text((folder / "Field.txt").read_text().replace(start, far))
+    for name in ("Boundary.txt", "Headland.txt"):
+        lines = (folder / name).read_text().splitlines()
+        moved = [_moved(line, north, comma) for line in lines]
+        (folder / name).write_text("\n".join(moved) + "\n")
+    field = read_field(folder)
+    given, note = with_terrain(field, {})
+    assert note == ""
+    east, middle = field.boundary.centroid.x, field.boundary.centroid.y
+    ground = ground_of(field, given)[0]
+    slope = height_and_gradient(ground, east, middle)
+    edge = height_and_gradient(ground, field.boundary.bounds[0], middle)
+    assert slope[1] == pytest.approx(0.05, abs=0.002)
+    assert edge[0] == pytest.approx(20.0 + 0.05 * -150.0, abs=0.05)
+
+
+def _moved(line, north, comma):
+    """Return a row of a boundary file with its point moved to the north [m]."""
+    cells = line.split(",")
+    if len(cells) < 3:
+        return line
+    if comma == ",":
+        x, y = f"{cells[0]}.{cells[1]}", f"{cells[2]}.{cells[3]}"
+        return f"{x};{float(y) + north:.3f};0.00000".replace(".", ",").replace(";", ",")
+    return f"{cells[0]},{float(cells[1]) + north:.3f},{cells[2]}"

@@ -40,7 +40,7 @@ def _of_field(field: Element) -> Iterator[Polyline]:
         kind = polygon.get("A")
         role = "boundary" if kind == main else "headland" if kind == HEADLAND else "obstacle"
         if kind in (main, HEADLAND, *OBSTACLES):
-            yield from _rings(polygon, role, name)
+            yield from _rings(polygon, role, name, _hectares(field))
     for line in field.findall("LSG"):
         if line.get("A") == GUIDANCE:
             yield Polyline(_points(line), False, "track", line.get("B") or name)
@@ -48,7 +48,15 @@ def _of_field(field: Element) -> Iterator[Polyline]:
         yield from _pattern(pattern, name)
 
 
-def _rings(polygon: Element, role: str, name: str) -> Iterator[Polyline]:
+def _hectares(field: Element) -> float:
+    """Return the area of a partfield [ha], or 0 if the area is missing."""
+    try:
+        return float(field.get("D", "")) / 1e4
+    except ValueError:
+        return 0.0
+
+
+def _rings(polygon: Element, role: str, name: str, area: float) -> Iterator[Polyline]:
     """Yield the rings of a polygon, exterior ring first. For a headland with interior rings, only the interior rings
     are yielded."""
     lines = sorted(polygon.findall("LSG"), key=lambda line: line.get("A") == INTERIOR)
@@ -56,7 +64,7 @@ def _rings(polygon: Element, role: str, name: str) -> Iterator[Polyline]:
         lines = [line for line in lines if line.get("A") == INTERIOR] or lines
     for line in lines:
         inner = line.get("A") == INTERIOR and role == "boundary"
-        yield Polyline(_points(line), True, "hole" if inner else role, name, properties={"field": name})
+        yield Polyline(_points(line), True, "hole" if inner else role, name, properties={"field": name, "area": area})
 
 
 def _pattern(pattern: Element, name: str) -> Iterator[Polyline]:

@@ -1,0 +1,86 @@
+"""AB lines of AgOpenGPS as paths: part inside the field, and extension of lines without a field."""
+
+from math import atan2, pi
+
+import numpy as np
+import pytest
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.scenario.hints import hints
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.simulation.storage import files_of_run
+
+U_SHAPE = ((0, 0), (90, 0), (90, 60), (60, 60), (60, 20), (40, 20), (40, 60), (0, 60))
+
+
+def folder(path, a, b, ring=U_SHAPE, name="AB 1"):
+    """Write the folder of a field with an AB line through the points `a` and `b` [m]."""
+    heading = (pi / 2 - atan2(b[1] - a[1], b[0] - a[0])) % (2 * pi)
+    text = f"$TrackLines\r\n{name}\r\n{heading:.8f}\r\n{a[0]},{a[1]}\r\n{b[0]},{b[1]}\r\n0\r\n2\r\nTrue\r\n0\r\n"
+    (path / "TrackLines.txt").write_text(text, newline="")
+    if ring is not None:
+        boundary(path, ring)
+    return path
+
+
+def boundary(path, ring):
+    rows = "".join(f"{x:.3f},{y:.3f},0.00000\r\n" for x, y in ring)
+    (path / "Boundary.txt").write_text(f"$Boundary\r\nFalse\r\n{len(ring)}\r\n{rows}", newline="")
+
+
+def scenario(path):
+    keys = {"path.kind": "waypoints", "path.file": str(path / "TrackLines.txt"), "plant.kind": "bicycle"}
+    return load_scenario("straight_line", {"duration_s": None, **keys})
+
+
+def ends(path):
+    """Return the first and the last waypoint of the path."""
+    points = scenario(path).path.waypoints()
+    return points[[0, -1]].round(3).tolist()
+
+
+def test_ab_line_runs_from_edge_to_edge_of_the_field_in_its_direction(tmp_path):
+    path = folder(tmp_path, (20, 10), (30, 10))
+    assert ends(path) == [[0.0, 10.0], [90.0, 10.0]]
+    assert "path.file: the AB line is cut at Boundary.txt" in hints(scenario(path))
+    assert ends(folder(tmp_path, (30, 10), (20, 10))) == [[90.0, 10.0], [0.0, 10.0]]
+
+
+def test_longest_part_of_an_ab_line_in_a_concave_field_is_used(tmp_path):
+    # at y = 40 the field has two parts: 40 m wide on the left, and 30 m wide on the right
+    assert ends(folder(tmp_path, (70, 40), (80, 40))) == [[0.0, 40.0], [40.0, 40.0]]
+    wide = ((0, 0), (90, 0), (90, 60), (75, 60), (75, 20), (5, 20), (5, 60), (0, 60))
+    assert ends(folder(tmp_path, (70, 40), (80, 40), wide)) == [[75.0, 40.0], [90.0, 40.0]]
+    # along the diagonal, the field ends at the notch, whose left edge is at x = 40
+    assert np.array(ends(folder(tmp_path, (5, 5), (10, 10)))) == pytest.approx(np.array([[0, 0], [40, 40]]), abs=0.01)
+
+
+def test_ab_line_without_a_field_extends_200_m_beyond_its_points(tmp_path):
+    path = folder(tmp_path, (20, 10), (30, 10), ring=None)
+    assert ends(path) == [[-180.0, 10.0], [230.0, 10.0]]
+    told = "path.file: the AB line extends 200 m beyond A and B, because there is no Boundary.txt"
+    assert told in hints(scenario(path))
+
+
+def test_ab_line_outside_the_field_is_rejected_with_the_fix(tmp_path):
+    with pytest.raises(ScenarioError, match=r"the AB line does not cross the field in Boundary\.txt; choose another"):
+        scenario(folder(tmp_path, (0, 80), (10, 80)))
+
+
+def test_damaged_boundary_of_an_ab_line_is_rejected_with_the_fix(tmp_path):
+    folder(tmp_path, (20, 10), (30, 10))
+    (tmp_path / "Boundary.txt").write_text("$Boundary\nFalse\n9\n0,0,0\n")
+    with pytest.raises(ScenarioError, match="declares 9 points, but contains fewer"):
+        scenario(tmp_path)
+
+
+def test_changed_boundary_changes_the_path(tmp_path):
+    path = folder(tmp_path, (20, 10), (30, 10))
+    assert ends(path)[1] == [90.0, 10.0]
+    boundary(path, ((0, 0), (70, 0), (70, 60), (0, 60)))
+    assert ends(path)[1] == [70.0, 10.0]
+
+
+def test_run_folder_contains_the_boundary_of_the_ab_line(tmp_path):
+    path = scenario(folder(tmp_path, (20, 10), (30, 10)))
+    assert {"TrackLines.txt", "Boundary.txt"} <= set(files_of_run(path))
