@@ -18,6 +18,7 @@ from agrobot_mj.paths.track import Piece, chain
 TOLERANCE_M = 0.05  # Permitted distance of the machine beyond the boundary, for rounded corners and coordinates [m]
 SWING_M = 0.3
 """Additional permitted distance of the implement ends beyond the boundary in bends [m]. Assumed value (range 0-0.5)."""
+BLOCK = 4096  # Number of poses that are checked at a time, to limit memory usage
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,13 @@ class Area:
 
     def outside(self, x: Array, y: Array, yaw: Array) -> Array:
         """Return the distances of tractor and implement beyond the boundary for n CG poses, shape (2, n) [m]."""
+        found = np.zeros((2, len(x)))
+        for first in range(0, len(x), BLOCK):
+            block = slice(first, first + BLOCK)
+            found[:, block] = self._outside(x[block], y[block], yaw[block])
+        return found
+
+    def _outside(self, x: Array, y: Array, yaw: Array) -> Array:
         behind = self.rig.behind
         bar = x - behind * np.cos(yaw), y - behind * np.sin(yaw), yaw
         boxes = np.stack([tractor_boxes(self.rig, x, y, yaw), implement_boxes(self.rig, *bar)])
