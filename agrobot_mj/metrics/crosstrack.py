@@ -60,6 +60,7 @@ def track(path: Path, t: Array, x: Array, y: Array, route: SampledRoute | None =
     while row < len(places):
         samples, legs, end = route.sample_until(float(places[-1, 0]), wanted + WINDOW_M)
         row, place, seen, wanted = _track(places, near, row, place, seen, samples, legs, end)
+    route.release()
     found[known] = near
     return BesidePath(found[:, 0], found[:, 1], found[:, 2:])
 

@@ -60,7 +60,7 @@ class FieldDrive:
         good = np.logical_and.reduce([np.isfinite(values) for values in found])
         if good.sum() < 2:
             raise ScenarioError("the run ended before the implement moved; no coverage is available")
-        kept = ImplementMotion(*(values[good] for values in found))
+        kept = found if good.all() else ImplementMotion(*(values[good] for values in found))
         return kept._replace(yaw=np.unwrap(kept.yaw))
 
     def _travelled_distances(self) -> Array:
