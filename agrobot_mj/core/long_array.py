@@ -1,8 +1,8 @@
 """Array that is filled row by row. A long array is stored in a memory-mapped temporary file.
 
-The file is in the folder of `tempfile` (TMPDIR), has no name, and is deleted when the process ends. By default the array
-is stored column by column, so that individual columns can be read. Disk space for the next rows is reserved before they are
-written. If the disk is full, an array of at most MOST_BYTES moves to memory.
+The file is in the folder of `tempfile` (TMPDIR), has no name, and is deleted when the process ends. By default the
+array is stored column by column, so that individual columns can be read. Disk space for the next rows is reserved
+before they are written. If the disk is full, an array of at most MOST_BYTES moves to memory.
 """
 
 import errno

@@ -95,7 +95,7 @@ class TimedCourse:
         curvatures, sharpnesses, trends, gains = (np.append(values, 0.0) for values in ahead)
         motion = np.append(course.directions, last), v, gains
         self.joints = np.column_stack((self.times, *course.joints(), curvatures, sharpnesses, trends, *motion))
-        self._starts = self.times.tolist()
+        self._starts: list[float] = self.times.tolist()
 
     @property
     def duration(self) -> float:

@@ -89,7 +89,7 @@ def drive(
         if recorded:
             from agrobot_mj.extensions.fields.layers import WorkRecording
 
-            watchers.append(WorkRecording(folder / RECORDING, whole, lambda log: drove_of(log).coverage))
+            watchers.append(WorkRecording(folder / RECORDING, whole, drove_of))
         with results(folder, (*files_of_run(scenario), *FILES)), stop_on_signals() as stopped:
             interrupted = Interrupted(scenario, stopped)
             if resume:
@@ -110,5 +110,5 @@ def write_coverage(folder: Path, field: Field, drove: FieldDrive, content: dict[
     write_json(folder / "coverage.json", content)
     write_geojson(folder / "coverage.geojson", drove.field, drove.plan, drove.coverage, field.plane)
     with atomic(folder / "coverage.tif") as path:
-        write_raster(path, drove.coverage, field.plane)
+        write_raster(path, drove.pass_map, field.plane)
     write_figure(folder / "coverage.png", map_of, drove.field, drove.plan, drove.coverage, drove.track)

@@ -19,6 +19,7 @@ from agrobot_mj.extensions.fields.operations import WorkedPass, capacity, pass_t
 from agrobot_mj.extensions.fields.plan import Plan, PlannedPass
 from agrobot_mj.extensions.fields.planned import planned_coverage, planned_motion
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine, implement_boxes, tractor_boxes
+from agrobot_mj.extensions.fields.raster import PassMap, pass_map
 from agrobot_mj.metrics import RunView
 from agrobot_mj.paths.track import Index
 from agrobot_mj.simulation.log import Log
@@ -94,6 +95,11 @@ class FieldDrive:
         """Coverage of the field, computed from the ground that the sections worked."""
         ground = [worked_area(self.motion, times, self.boom) for times in self.times]
         return coverage(self.field, self.body, [each for each in ground if not each.is_empty])
+
+    @cached_property
+    def pass_map(self) -> PassMap:
+        """Number of passes in each cell of the field."""
+        return pass_map(self.coverage)
 
     def outlines(self, rows: Index) -> dict[str, Array]:
         """Return the outlines of the tractor and of the implement at the log rows `rows` (n,), as polygons (n,) by

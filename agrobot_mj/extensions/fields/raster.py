@@ -28,6 +28,7 @@ class PassMap(NamedTuple):
 
     cells: "np.ndarray[tuple[int, int], np.dtype[np.uint8]]"
     cell: float  # Side length of a cell [m]
+    bounds: tuple[float, float, float, float]  # Western, southern, eastern and northern limits of the field [m]
 
 
 def pass_map(found: FieldCoverage) -> PassMap:
@@ -41,13 +42,14 @@ def pass_map(found: FieldCoverage) -> PassMap:
         _count(counts, ground, x, y)
     inside = np.zeros_like(counts)
     _count(inside, found.field, x, y)
-    return PassMap(np.where(inside > 0, counts.clip(max=OUTSIDE - 1), OUTSIDE).astype(np.uint8), cell)
+    return PassMap(
+        np.where(inside > 0, counts.clip(max=OUTSIDE - 1), OUTSIDE).astype(np.uint8), cell, found.field.bounds
+    )
 
 
-def write_raster(path: Path, found: FieldCoverage, plane: Origin | None) -> None:
+def write_raster(path: Path, found: PassMap, plane: Origin | None) -> None:
     """Write the number of passes in each cell of a field map to a GeoTIFF file."""
-    west, south, east, north = found.field.bounds
-    cells, cell = pass_map(found)
+    cells, cell, (west, south, east, north) = found
     step, corner = (cell, cell), (west, north)
     if plane is not None:
         low, high = to_geodetic(plane, west, south), to_geodetic(plane, east, north)
