@@ -49,6 +49,6 @@ class FieldWork(Metric):
             "field_missed_percent": found["missed_percent"],
             "tractor_beyond_m": out["tractor"]["largest_m"],
             "implement_beyond_m": out["implement"]["largest_m"],
-            "field_turns_s": sum(turn["time_s"] for turn in drive.turns()),
+            "field_turns_s": float(sum(turn["time_s"] for turn in drive.turns())),
             "field_hours": float(view.column("t")[-1]) / 3600,
         }
