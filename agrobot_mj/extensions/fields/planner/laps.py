@@ -108,7 +108,7 @@ def drivable(points: Array, closed: bool, rig: FieldMachine, cuts: Array | None 
     """
     try:
         course = round_corners(points, closed, rounding(rig), cuts)
-    except (ValueError, ZeroDivisionError):  # there is no space for a bend
+    except ValueError:
         return None
     return course if course.peaks.max() <= rig.max_curvature else None
 
