@@ -94,17 +94,17 @@ def write_geojson(
     Coordinates are in degrees, or in metres if the geographic position `plane` of the field is unknown.
     """
     content = {"type": "FeatureCollection", "name": plan.name, "features": [None]}
-    head, tail = _indented(content if plane else {**content, "crs": LOCAL}).split("\n    null\n")
+    head, tail = _json_text(content if plane else {**content, "crs": LOCAL}).split("\n    null\n")
     with atomic(path) as temporary, temporary.open("w", encoding="utf-8") as file:
         separator = head
         for shape, properties in _shapes(field, plan, found):
-            feature = _indented(_feature(shape, properties, plane)).replace("\n", "\n    ")
+            feature = _json_text(_feature(shape, properties, plane)).replace("\n", "\n    ")
             file.write(f"{separator}\n    {feature}")
             separator = ","
         file.write(f"\n{tail}\n")
 
 
-def _indented(content: Any) -> str:
+def _json_text(content: Any) -> str:
     return json.dumps(content, indent=2, allow_nan=False)
 
 

@@ -200,7 +200,7 @@ def test_parts_of_the_headland_that_laps_omit_get_swaths(notch, unfilled_m2, mis
     plan = make_plan(field, rig, Options())
     assert planned(plan, field)["field"]["missed_m2"] < missed_m2
     assert leaving(area_of(field, plan.headlands, rig), plan.start, plan.pieces, plan.passes).turns == 0.0
-    monkeypatch.setattr(planning, "_filled", lambda work: work)
+    monkeypatch.setattr(planning, "_with_headland_swaths", lambda work: work)
     assert planned(make_plan(field, rig, Options()), field)["field"]["missed_m2"] > unfilled_m2
 
 

@@ -231,10 +231,10 @@ def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
         notes.append(
             f"the plan keeps {last.margin:.2f} m from the boundary, so that tractor and implement stay inside the field"
         )
-    return _filled(last.work).plan(field.name, last.laps, last.margin, notes)
+    return _with_headland_swaths(last.work).plan(field.name, last.laps, last.margin, notes)
 
 
-def _filled(work: _Work) -> _Work:
+def _with_headland_swaths(work: _Work) -> _Work:
     """Return the plan in which parts of the headland that the laps omit get swaths, or the plan `work` if there is no
     such plan inside the field.
 
