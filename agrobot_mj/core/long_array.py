@@ -1,8 +1,8 @@
 """Array that is filled row by row. A long array is stored in a memory-mapped temporary file.
 
-The file is in the folder of `tempfile` (TMPDIR), has no name, and is deleted when the process ends. The array is stored
-column by column, so that individual columns can be read. Disk space for the next rows is reserved before they are
-written. If the disk is full, an array of at most MOST_BYTES moves to memory.
+The file is in the folder of `tempfile` (TMPDIR), has no name, and is deleted when the process ends. By default the
+array is stored column by column, so that individual columns can be read. Disk space for the next rows is reserved
+before they are written. If the disk is full, an array of at most MOST_BYTES moves to memory.
 """
 
 import errno
@@ -30,8 +30,9 @@ class LongArray:
     Raises OSError naming the folder if the disk is full and the array is larger than MOST_BYTES.
     """
 
-    def __init__(self, rows: int, shape: tuple[int, ...]) -> None:
+    def __init__(self, rows: int, shape: tuple[int, ...], by_column: bool = True) -> None:
         self._file: Any = None
+        self._columns = prod(shape) if by_column else 1
         self._map: mmap.mmap | None = None
         self._process = os.getpid()
         try:
@@ -46,7 +47,7 @@ class LongArray:
         self._map = mmap.mmap(self._file.fileno(), 0)
         if hasattr(mmap, "MADV_RANDOM"):  # otherwise Linux maps up to 2 MB per written column
             self._map.madvise(mmap.MADV_RANDOM)
-        return np.ndarray(shape, buffer=self._map, order="F")
+        return np.ndarray(shape, buffer=self._map, order="C" if self._columns == 1 else "F")
 
     def make_room(self, end: int) -> None:
         """Reserve space for the rows before `end`. Raises OSError naming the folder if disk and memory have no space.
@@ -63,11 +64,12 @@ class LongArray:
 
     def _reserve(self, end: int) -> None:
         self.release()
-        (rows, *rest), begin = self.numbers.shape, self._room
+        rows, begin = len(self.numbers), self._room
+        size = self.numbers.nbytes // rows // self._columns  # of a row in each contiguous part of the file
         try:
             if hasattr(os, "posix_fallocate"):
-                for column in range(prod(rest)):
-                    os.posix_fallocate(self._file.fileno(), 8 * (column * rows + begin), 8 * (end - begin))
+                for column in range(self._columns):
+                    os.posix_fallocate(self._file.fileno(), size * (column * rows + begin), size * (end - begin))
             self._room = end
         except OSError as error:
             numbers = _in_memory_instead(self.numbers.shape, error)

@@ -55,10 +55,12 @@ def track(path: Path, t: Array, x: Array, y: Array, route: SampledRoute | None =
     route, found = route or SampledRoute(path), np.full((len(t), 6), np.nan)
     known = np.maximum(np.abs(x), np.abs(y)) < FARTHEST_M
     places = np.column_stack((t, x, y))[known]
-    near, row, place, seen, wanted = np.empty((len(places), 6)), 0, 0.0, -inf, 0.0
+    near = found if len(places) == len(found) else np.empty((len(places), 6))
+    row, place, seen, wanted = 0, 0.0, -inf, 0.0
     while row < len(places):
         samples, legs, end = route.sample_until(float(places[-1, 0]), wanted + WINDOW_M)
         row, place, seen, wanted = _track(places, near, row, place, seen, samples, legs, end)
+    route.release()
     found[known] = near
     return BesidePath(found[:, 0], found[:, 1], found[:, 2:])
 

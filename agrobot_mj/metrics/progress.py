@@ -61,6 +61,7 @@ def progress_of(route: SampledRoute, duration: float | None, columns: Sequence[A
     walk = _Walk(route, min(planned, own))
     for t, x, y in _places(columns):
         walk.go(t, x, y)
+    route.release()
     granted = 0.0 if walk.is_stuck(planned) else LATE_S
     return PathProgress(walk.driven, walk.distance_at(planned), walk.distance_at(planned - granted))
 

@@ -127,6 +127,8 @@ def corner(angle: float, space: float, speed: float, how: Rounding) -> Corner:
     within = how.tolerance / (1 / cos(turned / 2) - 1) if turned > 1e-6 else inf
     widest = ARC_FRACTION * space / tan(turned / 2)
     radius = min(max(how.radius, within), widest)
+    if radius <= 0:
+        raise ValueError("there is no space for a bend")
 
     def limited(radius: float) -> tuple[float, float]:
         """Return the maximum speed [m/s] in an arc of `radius` [m] and the sharpness of its clothoids [1/m2]."""

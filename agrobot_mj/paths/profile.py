@@ -95,8 +95,7 @@ class TimedCourse:
         curvatures, sharpnesses, trends, gains = (np.append(values, 0.0) for values in ahead)
         motion = np.append(course.directions, last), v, gains
         self.joints = np.column_stack((self.times, *course.joints(), curvatures, sharpnesses, trends, *motion))
-        self._rows = [_Joint(*row) for row in self.joints.tolist()]
-        self._starts = [joint.t for joint in self._rows]
+        self._starts: list[float] = self.times.tolist()
 
     @property
     def duration(self) -> float:
@@ -116,7 +115,7 @@ class TimedCourse:
     def time_at(self, distance: float) -> float:
         """Return the time [s] at which the reference has travelled `distance` [m] along the course."""
         k = min(max(int(np.searchsorted(self.distances, distance, "right")) - 1, 0), len(self.speeds) - 2)
-        offset, v, a = distance - float(self.distances[k]), self._rows[k].speed, self._rows[k].gain
+        offset, v, a = distance - float(self.distances[k]), *self._joint(k)[-2:]
         return self._starts[k] + 2 * offset / max(v + sqrt(max(v * v + 2 * a * offset, 0.0)), 1e-12)
 
     def outline(self) -> PathOutline:
@@ -132,9 +131,12 @@ class TimedCourse:
     def at(self, t: float) -> Reference:
         """Return the reference state at time `t` [s], at rest before the start and straight ahead after the end."""
         if t <= 0.0:
-            first = self._rows[0]
+            first = self._joint(0)
             return reference(Pose(first.x, first.y, first.yaw), first.curvature, 0.0)
-        return _reference_on_segment(self._rows[bisect_right(self._starts, t) - 1], t)
+        return _reference_on_segment(self._joint(bisect_right(self._starts, t) - 1), t)
+
+    def _joint(self, k: int) -> _Joint:
+        return _Joint(*self.joints[k].tolist())
 
 
 class Timed(ReferencePath):

@@ -16,6 +16,7 @@ import numpy as np
 
 from agrobot_mj.core.errors import NotFiniteError
 from agrobot_mj.core.kernels import stage
+from agrobot_mj.core.long_array import LongArray
 from agrobot_mj.core.samples import (
     DIRECTION,
     SPEED,
@@ -63,7 +64,8 @@ class SampledRoute:
 
     def __init__(self, path: ReferencePath) -> None:
         self.path = path
-        self._samples = self._buffer = np.array([sample_of(0.0, reference_at(path, 0.0))])
+        self._samples = np.array([sample_of(0.0, reference_at(path, 0.0))])
+        self._buffer: LongArray | None = None
         self._until = self._end = 0.0
         self._leg_times, self._leg_starts, self._sign = [0.0], [0.0], 0.0
         self._lap: float | None = None
@@ -203,14 +205,23 @@ class SampledRoute:
             self._keep(kept)
 
     def _keep(self, new: Array) -> None:
-        """Append samples to a buffer, whose capacity doubles when the buffer is full."""
+        """Append samples to a buffer, whose capacity doubles when the buffer is full. Samples of long paths are stored
+        in a file."""
         count, end = len(self._samples), len(self._samples) + len(new)
-        if end > len(self._buffer):
-            self._buffer = np.empty((2 * end, WIDTH))  # unwritten parts use no memory
-            self._buffer[:count] = self._samples
-        self._buffer[count:end] = new
-        self._samples = self._buffer[:end]
+        if self._buffer is None or end > len(self._buffer.numbers):
+            self._buffer = LongArray(2 * end, (WIDTH,), by_column=False)
+            self._buffer.make_room(end)
+            self._buffer.numbers[:count] = self._samples
+        self._buffer.make_room(end)
+        self._buffer.numbers[count:end] = new
+        self._samples = self._buffer.numbers[:end]
         self._end = float(new[-1, S])
+        self.release()
+
+    def release(self) -> None:
+        """Free the memory of samples that are stored in a file."""
+        if self._buffer is not None:
+            self._buffer.release()
 
 
 def references_at(path: ReferencePath, times: Vector) -> Matrix:

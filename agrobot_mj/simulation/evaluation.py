@@ -1,5 +1,5 @@
-"""Evaluation of a run: its outcome, its log and its metrics. The metrics sample the path separately, so that the path
-samples of the guidance law do not change."""
+"""Evaluation of a run: its outcome, its log and its metrics. During a run, the metrics sample the path separately, so
+that the path samples of the guidance law do not change."""
 
 from dataclasses import replace
 
@@ -19,7 +19,6 @@ class Evaluation:
 
     def __init__(self, scenario: Scenario, loop: Loop, rows: Rows) -> None:
         self.scenario, self.loop, self.rows = scenario, loop, rows
-        self.route = SampledRoute(scenario.path)
         self.progress: PathProgress | None = None  # Progress on the path at the end of the run, if already computed
 
     def ending(self) -> tuple[str, str]:
@@ -30,7 +29,7 @@ class Evaluation:
         column = self.rows.column
         if self.loop.guidance.follows_path:
             places = [column(name) for name in ("t", "x", "y")]
-            self.progress = found = progress_of(self.route, self.scenario.duration_s, places)
+            self.progress = found = progress_of(self.loop.route, self.scenario.duration_s, places)
         else:
             found = commanded_progress(column("t"), column("speed_ref"), column("speed"))
         if found.enough:
@@ -38,15 +37,18 @@ class Evaluation:
         return "unfinished", f"drove {found.driven:.1f} of {found.length:.1f} m"
 
     def log(self, outcome: str, reason: str, wall_s: float, identity: str) -> Log:
-        """Return the log of the run so far, with metrics; `wall_s` is the wall time of the run [s]."""
+        """Return the log of the run so far, with metrics; `wall_s` is the wall time of the run [s].
+
+        `outcome` is empty during a run, whose log then has the outcome `aborted`.
+        """
         plant, learned = self.loop.plant, self.loop.learned()
-        log = Log(self.scenario, self.rows, plant.scene, outcome, wall_s, {}, plant.ruts(), learned)
-        view = RunView(log, self.route)
+        log = Log(self.scenario, self.rows, plant.scene, outcome or "aborted", wall_s, {}, plant.ruts(), learned)
+        view = RunView(log, self.loop.route if outcome else SampledRoute(self.scenario.path))
         if self.progress:
             view.progress = self.progress
         found, rejected = metrics(log, view=view), dict(self.loop.stages.sensors.rejected)
         numbers = {
-            "outcome": outcome,
+            "outcome": log.outcome,
             **({"stop_reason": reason} if reason else {}),
             **({"rejected_readings": rejected} if rejected else {}),
             **found,

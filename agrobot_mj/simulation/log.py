@@ -200,6 +200,7 @@ class Log:
         check_argument("name", name, isinstance(name, str), "the name of a column")
         if name not in self.rows.columns:
             raise MissingColumnError(name, self.rows.columns)
+        self.rows.release()
         return self.rows.column(name)
 
 

@@ -349,7 +349,7 @@ class Simulation:
         """
         check_argument("wall_s", wall_s, hasattr(wall_s, "__float__"), "a number")
         with self._guard:
-            return self._evaluation.log(self.outcome or "aborted", self.reason, wall_s, self.identity)
+            return self._evaluation.log(self.outcome, self.reason, wall_s, self.identity)
 
 
 OWN = {

@@ -24,7 +24,7 @@ from sweeps import Blocks, Row, Study
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.extensions.fields.boom import Boom
-from agrobot_mj.extensions.fields.coverage import areas, excursion
+from agrobot_mj.extensions.fields.coverage import areas
 from agrobot_mj.extensions.fields.drive import driving_scenario, planning_scenario
 from agrobot_mj.extensions.fields.evaluation import FieldDrive
 from agrobot_mj.extensions.fields.field import Field
@@ -241,7 +241,7 @@ def worked(job: tuple[Drive, str, Keys]) -> Row:
             [_shares(areas(each.coverage)[part]) for each in wide] for part in ("field", "body")
         )
         row["planned"] = _shares(areas(planned_coverage(drove.plan, drove.field, drove.body))["field"])
-        row["out"] = {name: found["largest_m"] for name, found in excursion(drove.outlines, drove.field).items()}
+        row["out"] = {name: found["largest_m"] for name, found in drove.excursions().items()}
     return row
 
 

@@ -310,3 +310,44 @@ def test_untitled_metres_are_not_read_as_degrees(tmp_path, rows):
     shapes = read_shapes(str(tmp_path / "log.csv"))
     assert shapes.crs == ""
     assert shapes.shapes[0].points == pytest.approx(np.array(rows))
+
+
+def track_with_reverse(back, step=0.25, turn=0.0):
+    """Return a track of 20 m to the east that reverses at x = 10 by `back` [m] and then continues at an angle `turn`
+    [rad]."""
+    there, reverse, on = np.arange(0, 10, step), np.arange(10, 10 - back, -step), np.arange(0, 10 + back, step)
+    x = np.concatenate([there, reverse, 10 - back + on * np.cos(turn)])
+    y = np.concatenate([0 * there, 0 * reverse, on * np.sin(turn)])
+    return np.column_stack([x, y + 0.01 * np.sin(40 * x)])
+
+
+@pytest.mark.parametrize("step", [0.1, 0.25, 1.5])
+@pytest.mark.parametrize("back", [1.6, 2.0, 2.9])
+def test_fold_back_is_omitted_with_one_sentence(back, step):
+    track = track_with_reverse(back, step)
+    kept, notes = clean(track)
+    x, y = track[kept].T
+    assert (np.diff(x) > 0).all()
+    assert x[-1] == track[-1, 0]
+    assert (x.size < len(track), np.diff(x).max()) == (True, pytest.approx(step, abs=step))
+    assert notes[-1].endswith(" points at a fold-back of at most 3 m are omitted")
+    assert len([note for note in notes if "repeated" not in note]) == 1
+
+
+@pytest.mark.parametrize(("back", "turn"), [(4.0, 0.0), (8.0, 0.0), (2.9, 1.5), (2.9, -2.0)])
+def test_longer_reversing_and_reversing_into_a_new_direction_are_kept(tmp_path, back, turn):
+    track = track_with_reverse(back, turn=turn)
+    assert not any("fold" in note for note in clean(track)[1])
+    rows = "\n".join(f"{x:.3f},{y:.3f}" for x, y in track)
+    (tmp_path / "track.csv").write_text(f"x,y\n{rows}\n", encoding="utf-8")
+    with pytest.raises(ValueError, match="turns back by"):
+        Waypoints(file=str(tmp_path / "track.csv")).check()
+
+
+def test_waypoints_path_along_a_track_with_a_fold_back_is_drivable(tmp_path):
+    rows = "\n".join(f"{x:.3f},{y:.3f}" for x, y in track_with_reverse(2.0))
+    (tmp_path / "track.csv").write_text(f"x,y\n{rows}\n", encoding="utf-8")
+    path = Waypoints(file=str(tmp_path / "track.csv"))
+    assert float(path.course().lengths.sum()) == pytest.approx(19.75, abs=0.5)
+    assert path.max_curvature < 0.2
+    assert any("fold-back" in note for note in path.notes)

@@ -13,6 +13,7 @@ from agrobot_mj import Simulation, load_scenario, run
 from agrobot_mj.core import long_array
 from agrobot_mj.core.long_array import LongArray
 from agrobot_mj.metrics import metrics
+from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.simulation import log as logs
 from agrobot_mj.simulation.storage import write_log
 
@@ -30,13 +31,27 @@ def is_in_file(rows):
     return rows._values._map is not None
 
 
-def test_rows_of_a_log_are_unchanged_after_their_memory_is_released(small):
-    store, truth = LongArray(100, (2, 7)), np.random.default_rng(1).normal(size=(100, 2, 7))
+@pytest.mark.parametrize("by_column", [True, False])
+def test_rows_of_a_log_are_unchanged_after_their_memory_is_released(small, by_column):
+    store, truth = LongArray(100, (2, 7), by_column), np.random.default_rng(1).normal(size=(100, 2, 7))
+    assert store.numbers.flags.c_contiguous != by_column
     for k, row in enumerate(truth):
         store.make_room(k + 1)
         store.numbers[k] = row
         store.release()
     np.testing.assert_array_equal(store.numbers, truth)
+
+
+def test_path_samples_stored_in_a_file_are_unchanged(small, monkeypatch):
+    path = load_scenario("circle").path
+    stored = SampledRoute(path)
+    assert stored.grows(30.0)
+    assert stored._buffer._map is not None
+    monkeypatch.undo()
+    plain = SampledRoute(path)
+    assert plain.grows(30.0)
+    assert plain._buffer._map is None
+    np.testing.assert_array_equal(stored.around(30.0), plain.around(30.0))
 
 
 def test_run_stored_in_blocks_gives_the_same_log_and_files(small, tmp_path, monkeypatch):

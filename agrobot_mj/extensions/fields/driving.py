@@ -11,14 +11,13 @@ from agrobot_mj.cli.interrupts import stop_on_signals
 from agrobot_mj.cli.options import Answer, results_folder
 from agrobot_mj.cli.output import print_hints
 from agrobot_mj.cli.runs import answer
-from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.boom import Boom
 from agrobot_mj.extensions.fields.crop_rows import CropRows
 from agrobot_mj.extensions.fields.drive import PLAN_FILE, driving_scenario
 from agrobot_mj.extensions.fields.effort import Prices
 from agrobot_mj.extensions.fields.evaluation import FieldDrive, report
 from agrobot_mj.extensions.fields.field import Field
-from agrobot_mj.extensions.fields.maps import geojson, map_of
+from agrobot_mj.extensions.fields.maps import map_of, write_geojson
 from agrobot_mj.extensions.fields.plan import Plan, to_json
 from agrobot_mj.extensions.fields.planner.area import body_of, whole_of
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine
@@ -90,7 +89,7 @@ def drive(
         if recorded:
             from agrobot_mj.extensions.fields.layers import WorkRecording
 
-            watchers.append(WorkRecording(folder / RECORDING, whole, lambda log: drove_of(log).coverage))
+            watchers.append(WorkRecording(folder / RECORDING, whole, drove_of))
         with results(folder, (*files_of_run(scenario), *FILES)), stop_on_signals() as stopped:
             interrupted = Interrupted(scenario, stopped)
             if resume:
@@ -99,18 +98,17 @@ def drive(
             drove = drove_of(log)
             content = {**report(drove), "origin": field.plane and list(field.plane)}
             write_log(log, folder, recorded=recorded)
-            track = np.column_stack([log.column("x"), log.column("y")])
-            write_coverage(folder, field, drove, content, track)
+            write_coverage(folder, field, drove, content)
     if log.outcome == "aborted" and not quiet:
         print(f"{scenario.name}: to continue the drive, add --resume to the same command", file=sys.stderr)
     found = answer(log, folder, said, [content["summary"]])
     return found._replace(content={**found.content, "coverage": content})
 
 
-def write_coverage(folder: Path, field: Field, drove: FieldDrive, content: dict[str, Any], track: Array) -> None:
+def write_coverage(folder: Path, field: Field, drove: FieldDrive, content: dict[str, Any]) -> None:
     """Write the coverage of simulated field work as JSON, GeoJSON, raster map and figure."""
     write_json(folder / "coverage.json", content)
-    write_json(folder / "coverage.geojson", geojson(drove.field, drove.plan, drove.coverage, field.plane))
+    write_geojson(folder / "coverage.geojson", drove.field, drove.plan, drove.coverage, field.plane)
     with atomic(folder / "coverage.tif") as path:
-        write_raster(path, drove.coverage, field.plane)
-    write_figure(folder / "coverage.png", map_of, drove.field, drove.plan, drove.coverage, track)
+        write_raster(path, drove.pass_map, field.plane)
+    write_figure(folder / "coverage.png", map_of, drove.field, drove.plan, drove.coverage, drove.track)

@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import Any, cast
 
 import numpy as np
+import shapely
 from shapely.geometry.base import BaseGeometry
 
 from agrobot_mj.core.errors import ScenarioError
@@ -19,12 +20,14 @@ from agrobot_mj.extensions.fields.operations import WorkedPass, capacity, pass_t
 from agrobot_mj.extensions.fields.plan import Plan, PlannedPass
 from agrobot_mj.extensions.fields.planned import planned_coverage, planned_motion
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine, implement_boxes, tractor_boxes
+from agrobot_mj.extensions.fields.raster import PassMap, pass_map
 from agrobot_mj.metrics import RunView
 from agrobot_mj.paths.track import Index
 from agrobot_mj.simulation.log import Log
 
 SIGNALS = ("t", "x", "y", "yaw", "implement_x", "implement_y", "hitch_angle")
 """Signals of a run from which the trajectory of the implement follows."""
+BLOCK = 4096  # Number of outlines that are evaluated at a time, to limit memory usage
 AROUND_M = 5.0
 """Distance before and after a pass in which the sections of the implement may be switched [m]."""
 
@@ -89,9 +92,13 @@ class FieldDrive:
         return coverage(self.field, self.body, [each for each in ground if not each.is_empty])
 
     @cached_property
-    def outlines(self) -> dict[str, Array]:
-        """Outlines of the tractor and of the implement about every 0.5 m of the track, as polygons (n,) by name."""
-        rows = self._thin
+    def pass_map(self) -> PassMap:
+        """Number of passes in each cell of the field."""
+        return pass_map(self.coverage)
+
+    def outlines(self, rows: Index) -> dict[str, Array]:
+        """Return the outlines of the tractor and of the implement at the log rows `rows` (n,), as polygons (n,) by
+        name."""
         column, motion = self.log.column, self.motion
         at = np.searchsorted(motion.t, column("t")[rows]).clip(0, len(motion.t) - 1)
         implement = implement_boxes(self.rig, motion.x[at], motion.y[at], motion.yaw[at])
@@ -99,6 +106,20 @@ class FieldDrive:
             "tractor": tractor_boxes(self.rig, *(column(n)[rows] for n in ("x", "y", "yaw"))),
             "implement": implement,
         }
+
+    def excursions(self) -> dict[str, Any]:
+        """Return the excursions of the tractor and of the implement beyond the boundary, by name."""
+        shapely.prepare(self.field)
+        found: dict[str, list[Array]] = {}
+        for first in range(0, max(len(self._thin), 1), BLOCK):
+            for name, boxes in self.outlines(self._thin[first : first + BLOCK]).items():
+                found.setdefault(name, []).append(boxes[~shapely.covers(self.field, boxes)])
+        return excursion({name: np.concatenate(parts) for name, parts in found.items()}, self.field)
+
+    @property
+    def track(self) -> Array:
+        """Positions of the CG about every 0.5 m of the track, shape (n, 2) [m]."""
+        return np.column_stack([self.log.column(name)[self._thin] for name in ("x", "y")])
 
     @cached_property
     def _thin(self) -> Index:
@@ -120,16 +141,17 @@ class FieldDrive:
 
     def turns(self) -> list[dict[str, float]]:
         """Return the position, duration, swept width and peak steering angle of each turn between two swaths."""
-        t, steer, thin = self.log.column("t"), self.log.column("steer"), self.log.column("t")[self._thin]
+        t, steer = self.log.column("t"), self.log.column("steer")
+        thin = t[self._thin]
         found = []
         for (one, before), (other, after) in pairwise(zip(self.plan.passes, self.spans(), strict=True)):
             if one.part != "body" or other.part != "body" or before is None or after is None or after[0] <= before[1]:
                 continue
             rows = (t >= before[1]) & (t <= after[0])
-            inside = (thin >= before[1]) & (thin <= after[0])
-            if rows.sum() < 2 or not inside.any():
+            inside = self._thin[(thin >= before[1]) & (thin <= after[0])]
+            if rows.sum() < 2 or not inside.size:
                 continue
-            boxes = np.concatenate([each[inside] for each in self.outlines.values()])
+            boxes = np.concatenate(list(self.outlines(inside).values()))
             end = self.motion.at(np.array([before[1]]))
             found.append(turn_of(boxes, (end.x[0], end.y[0], end.yaw[0]), t[rows], steer[rows]))
         return found
@@ -155,10 +177,10 @@ def implement_motion(signals: Mapping[str, Array], behind: float, s: Array) -> I
     else:
         at = x - behind * np.cos(yaw), y - behind * np.sin(yaw), yaw
     found = ImplementMotion(t, *at, s)
-    good = np.isfinite(np.column_stack(found)).all(axis=1)
+    good = np.logical_and.reduce([np.isfinite(values) for values in found])
     if good.sum() < 2:
         raise ScenarioError("the run ended before the implement moved; no coverage is available")
-    kept = ImplementMotion(*(values[good] for values in found))
+    kept = found if good.all() else ImplementMotion(*(values[good] for values in found))
     return kept._replace(yaw=np.unwrap(kept.yaw))
 
 
@@ -175,7 +197,7 @@ def report(drive: FieldDrive) -> dict[str, Any]:
         "sections": drive.boom.sections,
         "areas": by_part,
         "gaps": gaps(found),
-        "excursions": excursion(drive.outlines, drive.field),
+        "excursions": drive.excursions(),
         "turns": summary(turns),
         "each_turn": turns,
         "distance_m": float(np.nansum(np.hypot(np.diff(x), np.diff(y)))),

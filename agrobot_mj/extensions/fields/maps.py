@@ -1,6 +1,8 @@
 """Map of a plan or of simulated field work, as a figure and as GeoJSON."""
 
+import json
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.coverage import SLIVER_M2, FieldCoverage
 from agrobot_mj.extensions.fields.plan import Plan
 from agrobot_mj.paths.imports.geojson import LOCAL
+from agrobot_mj.simulation.results import atomic
 
 OUTLINE_M = 0.01  # Tolerance for simplifying the outline of worked ground in files [m]
 WIDTH_IN, TALLEST_IN = 7.0, 8.0  # Width and maximum height of a map [in]
@@ -94,28 +97,42 @@ def _lines(plan: Plan) -> Iterator[tuple[str, Array]]:
         at = one.end
 
 
-def geojson(
-    field: BaseGeometry, plan: Plan, found: FieldCoverage | None = None, plane: Origin | None = None
-) -> dict[str, Any]:
-    """Return a plan and, if given, the coverage `found` as GeoJSON.
+def write_geojson(
+    path: Path, field: BaseGeometry, plan: Plan, found: FieldCoverage | None = None, plane: Origin | None = None
+) -> None:
+    """Write a plan and, if given, the coverage `found` as GeoJSON, one feature at a time to limit memory usage.
 
     Coordinates are in degrees, or in metres if the geographic position `plane` of the field is unknown.
     """
-    features = [_feature(field, {"kind": "field", "name": plan.name}, plane)]
+    content = {"type": "FeatureCollection", "name": plan.name, "features": [None]}
+    head, tail = _json_text(content if plane else {**content, "crs": LOCAL}).split("\n    null\n")
+    with atomic(path) as temporary, temporary.open("w", encoding="utf-8") as file:
+        separator = head
+        for shape, properties in _shapes(field, plan, found):
+            feature = _json_text(_feature(shape, properties, plane)).replace("\n", "\n    ")
+            file.write(f"{separator}\n    {feature}")
+            separator = ","
+        file.write(f"\n{tail}\n")
+
+
+def _json_text(content: Any) -> str:
+    return json.dumps(content, indent=2, allow_nan=False)
+
+
+def _shapes(
+    field: BaseGeometry, plan: Plan, found: FieldCoverage | None
+) -> Iterator[tuple[BaseGeometry, dict[str, Any]]]:
+    """Yield the shapes of a map with their properties."""
+    yield field, {"kind": "field", "name": plan.name}
     for number, (kind, points) in enumerate(_lines(plan)):
-        features.append(_feature(shapely.LineString(points), {"kind": kind, "number": number}, plane))
+        yield shapely.LineString(points), {"kind": kind, "number": number}
     if found is not None:
-        features.append(_feature(found.body, {"kind": "body", "area_m2": found.body.area}, plane))
+        yield found.body, {"kind": "body", "area_m2": found.body.area}
         for number, ground in enumerate(found.passes):
-            features.append(_feature(ground, {"kind": "pass_area", "number": number, "area_m2": ground.area}, plane))
+            yield ground, {"kind": "pass_area", "number": number, "area_m2": ground.area}
         worked = found.union.intersection(field)
         for kind, area in (("worked", worked), ("overlapped", found.overlapped), ("missed", found.missed)):
-            shape = area.simplify(OUTLINE_M) if kind == "worked" else area
-            features.append(_feature(shape, {"kind": kind, "area_m2": area.area}, plane))
-    content: dict[str, Any] = {"type": "FeatureCollection", "name": plan.name, "features": features}
-    if plane is None:
-        content["crs"] = LOCAL
-    return content
+            yield area.simplify(OUTLINE_M) if kind == "worked" else area, {"kind": kind, "area_m2": area.area}
 
 
 def _feature(shape: BaseGeometry, properties: dict[str, Any], plane: Origin | None) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import shapely
 from agrobot_mj.extensions.fields.coverage import FieldCoverage, areas
 from agrobot_mj.extensions.fields.drive import PLAN_FILE, driving_scenario
 from agrobot_mj.extensions.fields.field import Field
-from agrobot_mj.extensions.fields.maps import geojson, map_of
+from agrobot_mj.extensions.fields.maps import map_of, write_geojson
 from agrobot_mj.extensions.fields.plan import Plan, to_json
 from agrobot_mj.extensions.fields.planned import planned_coverage
 from agrobot_mj.extensions.fields.planner.area import body_of, whole_of
@@ -23,7 +23,7 @@ def write_plan(folder: Path, field: Field, plan: Plan) -> None:
     """Write a plan to `folder` as JSON, GeoJSON and map figure."""
     whole = whole_of(field)
     write_json(folder / PLAN_FILE, to_json(plan))
-    write_json(folder / "plan.geojson", geojson(whole, plan, plane=field.plane))
+    write_geojson(folder / "plan.geojson", whole, plan, plane=field.plane)
     write_figure(folder / "plan.png", map_of, whole, plan)
 
 

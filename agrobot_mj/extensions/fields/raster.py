@@ -20,6 +20,7 @@ from agrobot_mj.terrain.geotiff import write_tiff
 
 CELL_M, MOST_CELLS = 0.25, 2000  # Minimum size of a cell [m], and maximum number of cells along each side of the map
 OUTSIDE = 255  # Value of cells outside the field
+BLOCK = 64  # Number of rows of cells that are computed at a time
 
 
 class PassMap(NamedTuple):
@@ -27,6 +28,7 @@ class PassMap(NamedTuple):
 
     cells: "np.ndarray[tuple[int, int], np.dtype[np.uint8]]"
     cell: float  # Side length of a cell [m]
+    bounds: tuple[float, float, float, float]  # Western, southern, eastern and northern limits of the field [m]
 
 
 def pass_map(found: FieldCoverage) -> PassMap:
@@ -35,18 +37,19 @@ def pass_map(found: FieldCoverage) -> PassMap:
     cell = max(CELL_M, (east - west) / MOST_CELLS, (north - south) / MOST_CELLS)
     columns, rows = ceil((east - west) / cell), ceil((north - south) / cell)
     x, y = west + (np.arange(columns) + 0.5) * cell, north - (np.arange(rows) + 0.5) * cell
-    counts = np.zeros((rows, columns), dtype=np.int64)
+    counts = np.zeros((rows, columns), dtype=np.uint16)
     for ground in found.passes:
         _count(counts, ground, x, y)
     inside = np.zeros_like(counts)
     _count(inside, found.field, x, y)
-    return PassMap(np.where(inside > 0, counts.clip(max=OUTSIDE - 1), OUTSIDE).astype(np.uint8), cell)
+    return PassMap(
+        np.where(inside > 0, counts.clip(max=OUTSIDE - 1), OUTSIDE).astype(np.uint8), cell, found.field.bounds
+    )
 
 
-def write_raster(path: Path, found: FieldCoverage, plane: Origin | None) -> None:
+def write_raster(path: Path, found: PassMap, plane: Origin | None) -> None:
     """Write the number of passes in each cell of a field map to a GeoTIFF file."""
-    west, south, east, north = found.field.bounds
-    cells, cell = pass_map(found)
+    cells, cell, (west, south, east, north) = found
     step, corner = (cell, cell), (west, north)
     if plane is not None:
         low, high = to_geodetic(plane, west, south), to_geodetic(plane, east, north)
@@ -55,10 +58,12 @@ def write_raster(path: Path, found: FieldCoverage, plane: Origin | None) -> None
     write_tiff(path, cells, step, corner, plane is not None, OUTSIDE)
 
 
-def _count(counts: "np.ndarray[tuple[int, ...], np.dtype[np.int64]]", area: BaseGeometry, x: Array, y: Array) -> None:
+def _count(counts: "np.ndarray[tuple[int, ...], np.dtype[np.uint16]]", area: BaseGeometry, x: Array, y: Array) -> None:
     """Add 1 to each cell whose centre is inside an area. The cell centres have ascending `x` and descending `y` [m]."""
     west, south, east, north = area.bounds
     wide = slice(*np.searchsorted(x, [west, east]).tolist())
-    high = slice(*np.searchsorted(-y, [-north, -south]).tolist())
+    first, end = np.searchsorted(-y, [-north, -south]).tolist()
     shapely.prepare(area)
-    counts[high, wide] += shapely.contains_xy(area, *np.meshgrid(x[wide], y[high]))
+    for row in range(first, end, BLOCK):  # in blocks, to limit memory usage
+        high = slice(row, min(row + BLOCK, end))
+        counts[high, wide] += shapely.contains_xy(area, *np.meshgrid(x[wide], y[high]))

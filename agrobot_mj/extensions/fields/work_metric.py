@@ -29,7 +29,7 @@ class FieldWork(Metric):
 
         from agrobot_mj.core.errors import ScenarioError
         from agrobot_mj.extensions.fields.boom import Boom
-        from agrobot_mj.extensions.fields.coverage import areas, excursion
+        from agrobot_mj.extensions.fields.coverage import areas
         from agrobot_mj.extensions.fields.evaluation import FieldDrive
         from agrobot_mj.extensions.fields.planner.area import inside_laps
         from agrobot_mj.extensions.fields.planner.rig import outline_of
@@ -43,12 +43,12 @@ class FieldWork(Metric):
             found = areas(drive.coverage)["field"]
         except ScenarioError:  # the run ended before the implement moved
             return {}
-        out = excursion(drive.outlines, whole)
+        out = drive.excursions()
         return {
             "field_overlapped_percent": found["overlapped_percent"],
             "field_missed_percent": found["missed_percent"],
             "tractor_beyond_m": out["tractor"]["largest_m"],
             "implement_beyond_m": out["implement"]["largest_m"],
-            "field_turns_s": sum(turn["time_s"] for turn in drive.turns()),
+            "field_turns_s": float(sum(turn["time_s"] for turn in drive.turns())),
             "field_hours": float(view.column("t")[-1]) / 3600,
         }

@@ -1,8 +1,9 @@
-"""Removal of points that a tractor cannot follow: repeated points, scatter at standstill, and single outliers.
+"""Removal of points that a tractor cannot follow: repeated points, scatter at standstill, fold-backs, and outliers.
 
 At standstill, position noise makes a recorded track reverse its direction over short legs. Such a track is thinned with
-the smallest point distance that removes these legs. A track that reverses over long legs contains reverse driving and
-remains unchanged.
+the smallest point distance that removes these legs. At a fold-back, the track reverses by at most FOLD_M and continues
+in its previous direction; the points of the fold-back are omitted. A track that reverses otherwise contains reverse
+driving and remains unchanged.
 """
 
 import numpy as np
@@ -14,6 +15,8 @@ CLOSEST_M = 0.001  # Minimum distance between consecutive points [m]
 SHORT_M = 1.0  # Length of a leg below which a reversal is noise [m]. Assumed value, shorter than any manoeuvre.
 THINNINGS_M = (0.05, 0.1, 0.2, 0.4, 0.8)
 """Minimum point distances [m] for thinning a track, applied in this order until the track has no reversals."""
+FOLD_M = 3.0  # Maximum length of a fold-back [m]. Assumed value, shorter than the reverse segment of a turn.
+MOST_FOLDS = 100  # Maximum number of fold-backs in a track
 BACK = np.cos(np.radians(100.0))  # Cosine of 100 degrees [-]; a track with a larger change of direction turns back
 OUTLYING = 3.0
 """Minimum distance of outliers from the median point, divided by the extent of the other points [-]. Assumed value."""
@@ -29,7 +32,8 @@ def clean(points: Array, closed: bool = False) -> tuple[Index, list[str]]:
     notes, kept = list[str](), distinct(points)
     if repeated := len(points) - len(kept):
         notes.append(f"{repeated} repeated {'point is' if repeated == 1 else 'points are'} omitted")
-    if turns := len(_turning_back(points[kept])):
+    folds, rest = (0, kept) if _is_noisy(points[kept]) else _without_folds(points, kept)
+    if not folds and (turns := len(_turning_back(points[kept]))):
         for distance in THINNINGS_M:
             thin = kept[space_out(points[kept], distance, closed)]
             if not len(_turning_back(points[thin])):
@@ -37,8 +41,13 @@ def clean(points: Array, closed: bool = False) -> tuple[Index, list[str]]:
                     f"the track is reduced from {len(kept)} to {len(thin)} points, {distance:g} m apart, because it "
                     f"turns back at {turns} points, which indicates noise at standstill"
                 )
-                return thin, notes
-    return kept, notes
+                kept = thin
+                break
+        folds, rest = _without_folds(points, kept)
+    if folds:
+        places = "a fold-back" if folds == 1 else f"{folds} fold-backs"
+        notes.append(f"{len(kept) - len(rest)} points at {places} of at most {FOLD_M:g} m are omitted")
+    return rest, notes
 
 
 def outliers(points: Array) -> Index:
@@ -90,7 +99,50 @@ def space_out(points: Array, distance: float, closed: bool) -> Index:
 
 def _turning_back(points: Array) -> Index:
     """Return the indices of the points next to a short leg at which the track reverses its direction."""
+    found, lengths = _reversals(points), np.hypot(*np.diff(points, axis=0).T)
+    near: Index = found[np.minimum(lengths[found], lengths[found - 1]) < SHORT_M]
+    return near
+
+
+def _reversals(points: Array) -> Index:
+    """Return the indices of the points at which the track reverses its direction."""
     legs = np.diff(points, axis=0)
     lengths = np.maximum(np.hypot(*legs.T), 1e-12)
     along = (legs[1:] * legs[:-1]).sum(axis=1) / (lengths[1:] * lengths[:-1])
-    return 1 + np.flatnonzero((along < BACK) & (np.minimum(lengths[1:], lengths[:-1]) < SHORT_M))
+    found: Index = 1 + np.flatnonzero(along < BACK)
+    return found
+
+
+def _is_noisy(points: Array) -> bool:
+    """Return whether a track reverses twice within SHORT_M."""
+    distances = np.cumsum(np.hypot(*np.diff(points, axis=0).T))
+    return bool((np.diff(distances[_reversals(points) - 1]) < SHORT_M).any())
+
+
+def _without_folds(points: Array, kept: Index) -> tuple[int, Index]:
+    """Return the number of fold-backs and the indices of `kept` without fold-backs. If there are other reversals,
+    return 0 and `kept`."""
+    rest = kept
+    for count in range(MOST_FOLDS):
+        left = points[rest]
+        if not len(reversals := _reversals(left)):
+            return count, rest
+        if (after := _after_fold(left, int(reversals[0]))) is None:
+            break
+        rest = np.delete(rest, slice(int(reversals[0]) + 1, after))
+    return 0, kept
+
+
+def _after_fold(points: Array, k: int) -> int | None:
+    """Return the index of the first point after the fold-back that starts at point `k`, the number of points if the
+    track ends in the fold-back, or None if the reversal at `k` does not start a fold-back."""
+    ahead = (points[k] - points[k - 1]) / np.hypot(*(points[k] - points[k - 1]))
+    for after in range(k + 1, len(points)):
+        away = points[after] - points[k]
+        along, distance = float(away @ ahead), float(np.hypot(*away))
+        if along > max(-BACK * distance, CLOSEST_M):
+            leg = points[min(after + 1, len(points) - 1)] - points[after - 1]
+            return after if float(leg @ ahead) > 0.5 * float(np.hypot(*leg)) else None
+        if distance > FOLD_M:
+            return None
+    return len(points)

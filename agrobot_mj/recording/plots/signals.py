@@ -80,13 +80,13 @@ class Signals:
     def finish(self, stream: rr.RecordingStream) -> dict[str, Frame]:
         """Send the moving means of noisy signals; return the axes of all plots with varying values, by plot path."""
         found, t, width = dict[str, Frame](), self.rows.column("t"), len(self.rows.columns)
-        with np.errstate(over="ignore", invalid="ignore"):
-            further = list(estimation_errors(self.rows, 0).values())
         for plot, columns, factors in self.lines:
             if plot not in self.shown:
                 continue
+            further = self._errors(0) if columns.max() >= width else []
             of_plot = [self.rows.values[: len(t), k] if k < width else further[k - width] for k in columns.tolist()]
             values = np.column_stack(of_plot)
+            self.rows.release()
             numbers = np.where(np.isfinite(values), values * factors, np.nan)
             if not _varies(numbers):
                 continue
@@ -101,9 +101,11 @@ class Signals:
         return found
 
     def _table(self, first: int) -> Array:
-        values = self.rows.values[first : self.rows.filled]
+        return np.column_stack([self.rows.values[first : self.rows.filled], *self._errors(first)])
+
+    def _errors(self, first: int) -> list[Array]:
         with np.errstate(over="ignore", invalid="ignore"):  # diverged runs may contain infinite values
-            return np.column_stack([values, *estimation_errors(self.rows, first).values()])
+            return list(estimation_errors(self.rows, first).values())
 
 
 def _send(stream: rr.RecordingStream, entity: str, column: rr.TimeColumn, numbers: Array) -> None:

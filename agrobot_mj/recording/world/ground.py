@@ -255,7 +255,7 @@ def _part(nodes: tuple[Array, Array, Array], tilts: tuple[Array, Array], squares
     normals = np.stack([-tilts[0], -tilts[1], np.ones(nodes[0].shape)], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     firsts = rows * columns * np.arange(count)
-    triangles = firsts[:, None, None] + _cells(rows - 1, columns - 1).reshape(-1, 3)
+    triangles = firsts[:, None, None] + grid_triangles(rows - 1, columns - 1).reshape(-1, 3)
     points = np.stack(nodes, axis=-1).reshape(-1, 3)
     shade = np.repeat(squares.astype(float), rows * columns)
     return _Part(points, normals.reshape(-1, 3).astype(np.float32), shade, triangles.reshape(-1, 3))
@@ -270,13 +270,13 @@ def _apron(ground: Ground, field: _Field) -> _Part:
     around = np.outer(np.diff(along) > 1e-6, np.diff(across) > 1e-6)
     around[1:-1, 1:-1] = False
     positions = np.stack([x, y, heights(ground, x, y)], axis=-1).reshape(-1, 3)
-    triangles = _cells(APRON_STEPS + 2, APRON_STEPS + 2)[around].reshape(-1, 3)
+    triangles = grid_triangles(APRON_STEPS + 2, APRON_STEPS + 2)[around].reshape(-1, 3)
     dx, dy = slopes(ground, np.full(1, field.x0), np.full(1, field.y0), 1.0)
     normal = np.array([-dx[0], -dy[0], 1.0]) / np.sqrt(1 + dx[0] ** 2 + dy[0] ** 2)
     return _Part(positions, np.tile(normal, (len(positions), 1)), np.full(len(positions), 0.5), triangles)
 
 
-def _cells(rows: int, columns: int) -> Index:
+def grid_triangles(rows: int, columns: int) -> Index:
     """Return the vertex indices of the two triangles in each grid cell, shape (rows, columns, 2, 3)."""
     width = columns + 1
     corner = width * np.arange(rows)[:, None] + np.arange(columns)

@@ -9,12 +9,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from field_shapes import FIELDS, HOLE, L_SHAPE, RECTANGLE, SLANTED, default_plan, machine
-from shapely import Polygon
+from shapely import Polygon, box
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.resources import stamp_of
 from agrobot_mj.extensions.fields.coverage import areas
+from agrobot_mj.extensions.fields.drive import planning_scenario
 from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.extensions.fields.given_plan import given_plan
 from agrobot_mj.extensions.fields.output import plan_text
@@ -24,9 +25,9 @@ from agrobot_mj.extensions.fields.planned import planned_coverage
 from agrobot_mj.extensions.fields.planner import planning
 from agrobot_mj.extensions.fields.planner.area import SWING_M, TOLERANCE_M, area_of, body_of, whole_of
 from agrobot_mj.extensions.fields.planner.joins import _turns, depth_of_turn, join
-from agrobot_mj.extensions.fields.planner.leaving import Leaving
+from agrobot_mj.extensions.fields.planner.leaving import Leaving, leaving
 from agrobot_mj.extensions.fields.planner.planning import Options, make_plan
-from agrobot_mj.extensions.fields.planner.rig import outline_of, tractor_poses
+from agrobot_mj.extensions.fields.planner.rig import outline_of, rig_of, tractor_poses
 from agrobot_mj.extensions.fields.planner.swaths import SwathFrame
 from agrobot_mj.extensions.fields.planner.words import end_of
 from agrobot_mj.paths.arc import Pose
@@ -186,6 +187,21 @@ def test_plan_with_headlands_around_a_hole_stays_inside_the_field():
 def test_headland_lap_too_narrow_for_the_turn_radius_is_rejected():
     with pytest.raises(ScenarioError, match="--headlands 3: lap 3"):
         make_plan(RECTANGLE, machine(width=7.4), Options(headlands=3))
+
+
+@pytest.mark.parametrize(
+    ("notch", "unfilled_m2", "missed_m2"), [(box(74.5, 0, 75.5, 60), 2100, 950), (box(38, 0, 42, 60), 1200, 650)]
+)
+def test_parts_of_the_headland_that_laps_omit_get_swaths(notch, unfilled_m2, missed_m2, monkeypatch):
+    """Beside a notch, laps may have no space for a bend."""
+    field = Field("notch", box(0, 0, 150, 100).difference(notch))
+    base = planning_scenario("field", {"transition": "clothoid", "speed_m_s": 2.0}, {"machine": "row_crop"})
+    rig = rig_of(base, 6.0)
+    plan = make_plan(field, rig, Options())
+    assert planned(plan, field)["field"]["missed_m2"] < missed_m2
+    assert leaving(area_of(field, plan.headlands, rig), plan.start, plan.pieces, plan.passes).turns == 0.0
+    monkeypatch.setattr(planning, "_with_headland_swaths", lambda work: work)
+    assert planned(make_plan(field, rig, Options()), field)["field"]["missed_m2"] > unfilled_m2
 
 
 def test_short_headland_lap_around_a_narrow_part_is_omitted_with_a_warning():

@@ -20,7 +20,7 @@ from agrobot_mj.core.geodesy import Origin, to_geodetic, to_local
 from agrobot_mj.extensions.fields.coverage import coverage
 from agrobot_mj.extensions.fields.effort import Prices, cost
 from agrobot_mj.extensions.fields.evaluation import sentence
-from agrobot_mj.extensions.fields.raster import write_raster
+from agrobot_mj.extensions.fields.raster import pass_map, write_raster
 from agrobot_mj.extensions.fields.resume import Interrupted
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run
@@ -141,7 +141,7 @@ def test_covered_area_in_the_raster_equals_the_reported_area(driven):
 def test_raster_of_a_field_without_geographic_position_is_in_metres(tmp_path):
     square = Polygon([(10, 20), (18, 20), (18, 26), (10, 26)])
     found = coverage(square, square, [Polygon([(10, 20), (18, 20), (18, 23), (10, 23)])] * 2)
-    write_raster(tmp_path / "map.tif", found, None)
+    write_raster(tmp_path / "map.tif", pass_map(found), None)
     image = open_tiff(tmp_path / "map.tif")
     assert cell_and_corner(tmp_path / "map.tif", image) == (0.25, (10.125, 20.125))
     cells = np.asarray(image)

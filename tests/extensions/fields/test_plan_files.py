@@ -12,7 +12,7 @@ from field_shapes import RECTANGLE, default_plan  # noqa: E402
 from agrobot_mj.core.errors import ScenarioError  # noqa: E402
 from agrobot_mj.core.geodesy import Origin, to_geodetic  # noqa: E402
 from agrobot_mj.extensions.fields.field import Field  # noqa: E402
-from agrobot_mj.extensions.fields.maps import geojson  # noqa: E402
+from agrobot_mj.extensions.fields.maps import write_geojson  # noqa: E402
 from agrobot_mj.extensions.fields.reading import read_field, read_plan  # noqa: E402
 
 ORIGIN = Origin(52.3, 6.72)
@@ -153,6 +153,5 @@ def test_plan_in_degrees_requires_the_geographic_position_of_the_field(tmp_path)
 
 
 def test_plan_of_a_field_without_origin_is_written_and_read_in_metres(tmp_path):
-    content = geojson(RECTANGLE.boundary, default_plan(RECTANGLE))
-    (tmp_path / "plan.geojson").write_text(json.dumps(content), encoding="utf-8")
+    write_geojson(tmp_path / "plan.geojson", RECTANGLE.boundary, default_plan(RECTANGLE))
     assert read_field(tmp_path / "plan.geojson").boundary.area == pytest.approx(2400.0, rel=1e-6)

@@ -1,6 +1,6 @@
 """Areas of a field for the planner (drivable area, and body inside the headland laps), and checks of courses."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,6 +18,10 @@ from agrobot_mj.paths.track import Piece, chain
 TOLERANCE_M = 0.05  # Permitted distance of the machine beyond the boundary, for rounded corners and coordinates [m]
 SWING_M = 0.3
 """Additional permitted distance of the implement ends beyond the boundary in bends [m]. Assumed value (range 0-0.5)."""
+THIN, LEAST_PART = 0.3, 4.0
+"""Half of the minimum width, divided by the working width, and minimum area, divided by the square of the working
+width, of a part of the headland that gets swaths [-]. Assumed values."""
+BLOCK = 4096  # Number of poses that are checked at a time, to limit memory usage
 
 
 @dataclass(frozen=True)
@@ -25,6 +29,7 @@ class Area:
     """Drivable area, body and headland laps of a field for one machine."""
 
     whole: BaseGeometry  # Area of the field without obstacles, in which tractor and implement may move
+    worked: BaseGeometry  # Area without the margin along the boundary
     body: BaseGeometry  # Body of the field: area inside the headland laps, which the swaths cover
     laps: tuple[Ring, ...]  # Headland laps in driving order
     rig: FieldMachine
@@ -40,8 +45,33 @@ class Area:
     def _inner_body(self) -> BaseGeometry:
         return offset(self.body, self.rig.width / 2)
 
+    def extended(self, more: BaseGeometry) -> "Area":
+        """Return the same areas with the body extended by `more`."""
+        return replace(self, body=self.body.union(more))
+
+    @property
+    def omitted(self) -> BaseGeometry:
+        """Parts of the headland that no lap works, because the laps have no space for a bend, and that are large enough
+        for swaths."""
+        laps = shapely.union_all([ring.line.buffer(self.rig.spacing / 2, join_style="mitre") for ring in self.laps])
+        return self.large_parts(self.worked.difference(laps).difference(self.body))
+
+    def large_parts(self, area: BaseGeometry) -> BaseGeometry:
+        """Return the parts of `area` that are large enough for swaths."""
+        thin = THIN * self.rig.spacing
+        wide = area.buffer(-thin).buffer(thin, join_style="mitre").intersection(area)
+        least = LEAST_PART * self.rig.spacing**2
+        return shapely.union_all([part for part in shapely.get_parts(wide) if part.area > least])
+
     def outside(self, x: Array, y: Array, yaw: Array) -> Array:
         """Return the distances of tractor and implement beyond the boundary for n CG poses, shape (2, n) [m]."""
+        found = np.zeros((2, len(x)))
+        for first in range(0, len(x), BLOCK):
+            block = slice(first, first + BLOCK)
+            found[:, block] = self._outside(x[block], y[block], yaw[block])
+        return found
+
+    def _outside(self, x: Array, y: Array, yaw: Array) -> Array:
         behind = self.rig.behind
         bar = x - behind * np.cos(yaw), y - behind * np.sin(yaw), yaw
         boxes = np.stack([tractor_boxes(self.rig, x, y, yaw), implement_boxes(self.rig, *bar)])
@@ -87,5 +117,6 @@ def inside_laps(whole: BaseGeometry, plan: Plan) -> BaseGeometry:
 def area_of(field: Field, headlands: int, rig: FieldMachine, beyond: float = 0.0, margin: float = 0.0) -> Area:
     """Return the areas and laps of a field for planning. A `margin` [m] along the boundary is not worked."""
     whole, first = whole_of(field), margin + rig.overlap / 2
-    laps = tuple(smooth_ring(ring, rig) for ring in rings(offset(whole, first), headlands, rig.spacing))
-    return Area(whole, offset(whole, first + headlands * rig.spacing), laps, rig, beyond)
+    worked, body = offset(whole, first), offset(whole, first + headlands * rig.spacing)
+    laps = tuple(smooth_ring(ring, rig) for ring in rings(worked, headlands, rig.spacing))
+    return Area(whole, worked, body, laps, rig, beyond)

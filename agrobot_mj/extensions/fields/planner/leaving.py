@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.plan import PlannedPass
@@ -15,6 +17,7 @@ from agrobot_mj.extensions.fields.planner.rig import tractor_poses
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.track import Piece, chain
 
+CUT_M = 0.5  # Distance by which discs extend into an area, in addition to the excess [m]
 WARNED_M = 0.1  # Distance beyond the boundary above which a warning is given [m]
 LEAVES = "the machine leaves the field", "the ends of the implement swing beyond the boundary"
 """First words of two warnings: for a machine outside the field, and for implement ends beyond the boundary."""
@@ -48,6 +51,12 @@ class Leaving:
         values = np.where(self.in_lap, 0.0, self.excess) if self.turns else self.excess
         k = int(np.argmax(values))
         return f"{self.outside[:, k].max():.2f} m near ({self.x[k]:.0f}, {self.y[k]:.0f}) m"
+
+    def surroundings(self, area: BaseGeometry) -> BaseGeometry:
+        """Return discs around the points at which turns leave the field. A disc extends into `area` by the excess."""
+        rows = np.flatnonzero(np.where(self.in_lap, 0.0, self.excess))
+        points = shapely.points(self.x[rows], self.y[rows])
+        return shapely.union_all(shapely.buffer(points, shapely.distance(points, area) + self.excess[rows] + CUT_M))
 
     def warnings(self) -> list[str]:
         """Return warnings with the positions at which the plan leaves the field. The list is empty for a plan inside

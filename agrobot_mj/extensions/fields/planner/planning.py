@@ -30,6 +30,7 @@ from agrobot_mj.paths.track import Course, Piece
 LAP_STARTS = 24  # Number of evaluated points of a ring at which a lap may start
 DEFAULT_HEADLANDS = 2  # Default number of headland laps, which is increased if the turns need more space
 TRIES = 6  # Maximum number of further attempts with additional laps, or with the margin that laps need
+FILLINGS = 8  # Maximum number of attempts with swaths in parts of the headland
 WIDER = 3  # Maximum number of attempts with a margin for turns
 MARGIN_STEP_M = 0.02  # Amount added to an excess distance beyond the boundary to obtain the increase of the margin [m]
 CLOSE_M = 1e-3  # Distance below which two poses count as equal [m]
@@ -230,7 +231,24 @@ def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
         notes.append(
             f"the plan keeps {last.margin:.2f} m from the boundary, so that tractor and implement stay inside the field"
         )
-    return last.work.plan(field.name, last.laps, last.margin, notes)
+    return _with_headland_swaths(last.work).plan(field.name, last.laps, last.margin, notes)
+
+
+def _with_headland_swaths(work: _Work) -> _Work:
+    """Return the plan in which parts of the headland that the laps omit get swaths, or the plan `work` if there is no
+    such plan inside the field.
+
+    Where turns leave the field, the swaths are shortened.
+    """
+    parts = work.area.omitted
+    for _ in range(FILLINGS):
+        if parts.is_empty:
+            break
+        now = _swaths_and_laps(work.area.extended(parts), work.options)
+        if not max(now.leaving.laps, now.leaving.turns):
+            return now
+        parts = work.area.large_parts(parts.difference(now.leaving.surroundings(parts)))
+    return work
 
 
 def _attempts(field: Field, rig: FieldMachine, options: Options, laps: int, least: int) -> Iterator[_Attempt]:
@@ -271,8 +289,14 @@ def _attempts(field: Field, rig: FieldMachine, options: Options, laps: int, leas
 
 def _work(field: Field, rig: FieldMachine, options: Options, headlands: int, margin: float = 0.0) -> _Work:
     """Return a plan with a `margin` [m] and `headlands` laps. Raise `ScenarioError` if the field is too narrow."""
-    area = area_of(field, headlands, rig, options.beyond, margin)
-    work = _Work(area, options._replace(headlands=headlands))
+    return _swaths_and_laps(
+        area_of(field, headlands, rig, options.beyond, margin), options._replace(headlands=headlands)
+    )
+
+
+def _swaths_and_laps(area: Area, options: Options) -> _Work:
+    """Return the plan of an area. Raise `ScenarioError` if the area is too narrow."""
+    work, rig = _Work(area, options), area.rig
     for ring in area.laps:
         work.lap(ring)
     if area.body.area > LEAST_AREA * rig.width**2:
