@@ -45,7 +45,7 @@ def yawed(tyre, v, slip):
     """Return the steady moment of a wheel that rolls at `v` [m/s] and slides to the left by the tangent `slip`."""
     wheel = Turning(tyre)
     velocity = (v, v * slip if v > 0 else -v * slip, 0.0)
-    motion = ((0, 0, 0.28 - SUNK), (0.0, 1.0, 0.0), velocity, (0.0, v / (0.28 - SUNK / 3), 0.0))
+    motion = ((0.0, 0.0, 0.28 - SUNK), (0.0, 1.0, 0.0), velocity, (0.0, v / (0.28 - SUNK / 3), 0.0))
     for _ in range(3000):
         wheel_step(wheel.tyres, 0, GROUND, WheelMotion(*motion), DT, wheel.bristle, wheel.wrench, wheel.report)
     return float(wheel.wrench[5])
@@ -64,7 +64,8 @@ def test_aligning_moment_turns_a_wheel_towards_its_velocity(slip):
 def test_only_the_aligning_moment_acts_on_a_wheel_rolling_straight(way, slip):
     """The aligning moment is the side force times the trail, which is behind the patch in the direction of travel."""
     wheel, trail = Turning(MagicFormula(trail_m=0.03)), 0.03
-    motion = WheelMotion((0, 0, 0.28 - SUNK), (0.0, 1.0, 0.0), (way, slip, 0.0), (0.0, way / (0.28 - SUNK / 3), 0.0))
+    velocity, rotation = (float(way), slip, 0.0), (0.0, way / (0.28 - SUNK / 3), 0.0)
+    motion = WheelMotion((0.0, 0.0, 0.28 - SUNK), (0.0, 1.0, 0.0), velocity, rotation)
     for _ in range(100):
         wheel_step(wheel.tyres, 0, GROUND, motion, 0.1, wheel.bristle, wheel.wrench, wheel.report)
     behind = way * trail * np.exp(-abs(slip) / 0.1)
@@ -167,7 +168,7 @@ def test_parked_wheel_is_harder_to_steer_than_a_rolling_wheel():
 def test_airborne_wheel_has_no_aligning_or_scrubbing_moment():
     wheel = Turning(MagicFormula())
     wheel.moments([1.0] * 50)
-    motion = ((0, 0, 0.3), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    motion = ((0.0, 0.0, 0.3), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     wheel_step(wheel.tyres, FRONT, GROUND, WheelMotion(*motion), DT, wheel.bristle, wheel.wrench, wheel.report)
     assert not wheel.wrench.any()
     assert not wheel.bristle.any()

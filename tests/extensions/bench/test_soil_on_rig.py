@@ -120,7 +120,7 @@ def test_motion_resistance_opposes_motion_in_both_directions():
     pushes = []
     for v in (1.0, -1.0):
         bristle, wrench, report = np.zeros(4), np.zeros(6), np.zeros(6)
-        motion = WheelMotion((0, 0, 0.27), (0.0, 1.0, 0.0), (v, 0.0, 0.0), (0.0, v / (0.28 - 0.01 / 3), 0.0))
+        motion = WheelMotion((0.0, 0.0, 0.27), (0.0, 1.0, 0.0), (v, 0.0, 0.0), (0.0, v / (0.28 - 0.01 / 3), 0.0))
         for _ in range(10):
             wheel_step(tyres, 0, ground, motion, 1.0, bristle, wrench, report)
         pushes.append(wrench[0])
