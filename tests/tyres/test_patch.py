@@ -7,12 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from wheel_steps import step_of
 
 from agrobot_mj.core.spec import every
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Flat, Slope
 from agrobot_mj.tyres import Linear, Soil, Tyre
-from agrobot_mj.tyres.laws import tyre_set, wheel_step
+from agrobot_mj.tyres.laws import tyre_set
 from agrobot_mj.tyres.patch import (
     FORCE_X,
     FORCE_Y,
@@ -50,13 +51,13 @@ class Wheel:
 
     def __init__(self, tyre=None, ground=FLAT, i=REAR, **changes):
         self.tyres = tyre_set(tyre or Linear(), TractorParameters())._replace(**changes)
-        self.ground, self.i = ground, i
+        self.ground, self.i, self.advance = ground, i, step_of(self.tyres, ground)
         self.bristle, self.wrench, self.report = np.zeros(4), np.zeros(6), np.zeros(6)
 
     def step(self, centre, axle, velocity, rotation, steps=1, dt=DT):
+        motion = WheelMotion(centre, axle, velocity, rotation)
         for _ in range(steps):
-            motion = WheelMotion(centre, axle, velocity, rotation)
-            wheel_step(self.tyres, self.i, self.ground, motion, dt, self.bristle, self.wrench, self.report)
+            self.advance(self.tyres, self.i, self.ground, motion, dt, self.bristle, self.wrench, self.report)
         return self.report.copy()
 
 
