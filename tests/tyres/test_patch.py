@@ -4,7 +4,7 @@ from math import cos, exp, radians, sin, tan
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from wheel_steps import step_of
@@ -248,7 +248,11 @@ def test_tyre_wrench_acts_at_the_contact_patch():
     turn=st.floats(-1, 1),
 )
 def test_steadily_sliding_tyre_dissipates_energy(tyre, yaw, camber, velocity, spin, turn):
-    """Power is force times velocity plus torque times rotation; on level ground the load does no work."""
+    """Power is force times velocity plus torque times rotation; on level ground the load does no work.
+
+    The wheel moves by at least 1 m, because a tilted wheel with less motion is held by its elastic side force.
+    """
+    assume(4000 * DT * (np.hypot(*velocity) + R * (abs(spin) + abs(turn))) > 1.0)
     _, axle = turned(yaw, camber)
     rotation = np.array(times(spin, axle)) + (0.0, 0.0, turn)
     wheel = Wheel(tyre)
