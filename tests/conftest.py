@@ -39,6 +39,17 @@ def pytest_configure(config):
         take_turns()
 
 
+def pytest_collection_finish():
+    """Exclude modules and collected tests from garbage collections."""
+    gc.freeze()
+
+
+def pytest_unconfigure():
+    """Collect garbage once, instead of once per collection of pytest and of the interpreter at exit."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture(autouse=True)
 def _plugins_of_one_test():
     """Remove the plugins of a test from the identity of later runs, because worker processes do not have them."""

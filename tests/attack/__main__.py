@@ -13,6 +13,7 @@ import sys
 import time
 from importlib import import_module
 from pathlib import Path
+from pkgutil import walk_packages
 
 from changes import changes
 from commands import NEEDED, commands, folders, parquet, result, studies
@@ -22,6 +23,7 @@ from processes import kills
 from states import STATES, copies, interrupts
 from texts import extremes, files, injected, keys, numbers, overrides, sweeps, toml
 
+import agrobot_mj
 from agrobot_mj import load_scenario, run
 
 ROOT = Path(__file__).parents[2]
@@ -61,7 +63,10 @@ LONG_S = {
 
 
 def load(classes: list[str]) -> None:
-    """Load the modules and compile the kernels that some classes need, before processes are forked."""
+    """Load all modules and compile the kernels that some classes need, before processes are forked."""
+    for module in walk_packages(agrobot_mj.__path__, "agrobot_mj."):
+        if not module.name.endswith("__main__"):
+            import_module(module.name)
     keys(), numbers()
     for prepare in [each for name in classes for each in CLASSES[name][2:]]:
         prepare()

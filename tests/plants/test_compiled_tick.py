@@ -189,7 +189,7 @@ def test_bristles_of_each_tyre_follow_the_velocity_of_its_own_contact():
     mujoco.mj_forward(plant.model, plant.data)
     tyred = plant.tyred
     tyred.bristles[:] = 0.0
-    apply_tyres(plant.views, plant.views.wheels, tyred, dt)
+    apply_tyres(plant.views, plant.views.wheels, tyred, dt, True)
     half, r_e = TRACTOR.track_m / 2, TRACTOR.rear_wheel_radius_m - 0.007
     for i, (ahead, left) in enumerate(
         [(TRACTOR.wheelbase_m, half), (TRACTOR.wheelbase_m, -half), (0, half), (0, -half)]

@@ -151,9 +151,12 @@ def test_repeated_episodes_from_a_restored_state_are_not_paused():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in scenario_files() if not load_scenario(name).guidance.outside])
+@pytest.mark.parametrize("name", scenario_files())
 def test_episodes_of_library_scenarios_equal_single_ticks(name):
-    overrides = {} if load_scenario(name).expected_outcome != "completed" else {"duration_s": 40.0}
+    scenario = load_scenario(name)
+    if scenario.guidance.outside:
+        pytest.skip("an outside program drives")
+    overrides = {} if scenario.expected_outcome != "completed" else {"duration_s": 40.0}
     check_equal(driven(name, overrides, lambda: 0), driven(name, overrides, lambda: 200))
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from pages import charts_of, check_damage, check_page, page_of
+from processes import omit_figures
 
 from agrobot_mj import cli, load_scenario
 from agrobot_mj.core.errors import ScenarioError
@@ -58,7 +59,9 @@ def folders(tmp_path_factory):
     write_log(run(scenario), top / "run")
     comparison = plan(scenario, ["pd", "pd_t2fnn"], plants=["bicycle"], seeds=2)
     comparison.recorded = False
-    compare(comparison, top / "comparison", jobs=1)
+    with pytest.MonkeyPatch.context() as patch:
+        omit_figures(patch)
+        compare(comparison, top / "comparison", jobs=1)
     found = {name: top / name for name in KINDS}
     for folder in found.values():
         write_report(folder)

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from wheel_steps import step_of
 
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import Linear, MagicFormula, Ruts, Soil
 from agrobot_mj.tyres.bearing import FIRM
-from agrobot_mj.tyres.laws import carry, treads, tyre_set, wheel_step
+from agrobot_mj.tyres.laws import carry, treads, tyre_set
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, WheelMotion, find_patch
 
 TRACTOR, GROUND, DT = TractorParameters(), Flat().ground(), 0.002
@@ -25,6 +26,7 @@ def forces(tyre, v_x, v_y, rim, steps, load=2300.0, share=1.0):
         (0.0, 0.0, RADIUS - sunk), (0.0, 1.0, 0.0), (v_x, v_y, 0.0), (0.0, rim / (RADIUS - sunk / 3), 0.0)
     )
     bristle, wrench, report, out = np.zeros(4), np.zeros(6), np.zeros(6), []
+    wheel_step = step_of(tyres, GROUND)
     for _ in range(steps):
         wheel_step(tyres, REAR, GROUND, motion, DT, bristle, wrench, report)
         out.append((report[FORCE_X], report[FORCE_Y]))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from turns import by_turns
+from wheel_steps import step_of
 
 from agrobot_mj.core.spec import every
 from agrobot_mj.machine.tractor import TractorParameters
@@ -10,7 +11,7 @@ from agrobot_mj.terrain import Flat
 from agrobot_mj.terrain.grid import Surface, plane
 from agrobot_mj.terrain.patches import RectanglePatch
 from agrobot_mj.tyres import Linear, MagicFormula, Soil, Tyre
-from agrobot_mj.tyres.laws import tyre_set, wheel_step
+from agrobot_mj.tyres.laws import tyre_set
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, FRICTION_USE, LOAD, WheelMotion, find_patch
 
 LAWS = [law for law in every(Tyre) if law().judged]
@@ -31,6 +32,7 @@ def steady(tyre, on, slip_x=0.0, slip_y=0.0, x=0.0, grip=1.0, share=1.0):
     centre, velocity = (x, 0.0, RADIUS - SUNK), (SPEED, SPEED * slip_y, 0.0)
     rotation = (0.0, SPEED * (1 + slip_x) / (RADIUS - SUNK / 3), 0.0)
     motion = WheelMotion(centre, (0.0, 1.0, 0.0), velocity, rotation)
+    wheel_step = step_of(tyres, on)
     for _ in range(3000):
         wheel_step(tyres, REAR, on, motion, 0.002, bristle, wrench, report)
     return report
@@ -123,6 +125,7 @@ def test_friction_on_a_slope_is_evaluated_at_the_contact_point():
     for west in (x - 0.02, x + 10.0):
         wet = slope._replace(surface=Surface(west, y - 0.02, 0.04, np.array([[0.5]]), np.array([[0.0]])))
         bristle, wrench, report = np.zeros(4), np.zeros(6), np.zeros(6)
+        wheel_step = step_of(tyres, wet)
         for _ in range(1000):
             wheel_step(tyres, REAR, wet, motion, 0.002, bristle, wrench, report)
         forces.append(report[FORCE_Y] / report[LOAD])

@@ -4,13 +4,14 @@ from math import radians, tan
 
 import numpy as np
 import pytest
+from wheel_steps import step_of
 
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants import Bicycle
 from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import Linear
 from agrobot_mj.tyres.base import Footing, Slip
-from agrobot_mj.tyres.laws import tyre_set, wheel_step
+from agrobot_mj.tyres.laws import tyre_set
 from agrobot_mj.tyres.linear import LinearLaw
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, WheelMotion
 
@@ -25,6 +26,7 @@ def steady(wheel, side_slip=0.0, slip_ratio=0.0, speed=1.0, tyre=Linear()):
     velocity, rotation = (speed, side_slip * speed, 0.0), (0.0, spin, 0.0)
     motion = WheelMotion((0.0, 0.0, radius - 0.01), (0.0, 1.0, 0.0), velocity, rotation)
     bristle, wrench, report = np.zeros(4), np.zeros(6), np.zeros(6)
+    wheel_step = step_of(tyres, FLAT)
     for _ in range(5):
         wheel_step(tyres, wheel, FLAT, motion, 100.0, bristle, wrench, report)
     return report[FORCE_X], report[FORCE_Y]

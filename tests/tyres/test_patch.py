@@ -4,15 +4,16 @@ from math import cos, exp, radians, sin, tan
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from wheel_steps import step_of
 
 from agrobot_mj.core.spec import every
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Flat, Slope
 from agrobot_mj.tyres import Linear, Soil, Tyre
-from agrobot_mj.tyres.laws import tyre_set, wheel_step
+from agrobot_mj.tyres.laws import tyre_set
 from agrobot_mj.tyres.patch import (
     FORCE_X,
     FORCE_Y,
@@ -50,13 +51,13 @@ class Wheel:
 
     def __init__(self, tyre=None, ground=FLAT, i=REAR, **changes):
         self.tyres = tyre_set(tyre or Linear(), TractorParameters())._replace(**changes)
-        self.ground, self.i = ground, i
+        self.ground, self.i, self.advance = ground, i, step_of(self.tyres, ground)
         self.bristle, self.wrench, self.report = np.zeros(4), np.zeros(6), np.zeros(6)
 
     def step(self, centre, axle, velocity, rotation, steps=1, dt=DT):
+        motion = WheelMotion(centre, axle, velocity, rotation)
         for _ in range(steps):
-            motion = WheelMotion(centre, axle, velocity, rotation)
-            wheel_step(self.tyres, self.i, self.ground, motion, dt, self.bristle, self.wrench, self.report)
+            self.advance(self.tyres, self.i, self.ground, motion, dt, self.bristle, self.wrench, self.report)
         return self.report.copy()
 
 
@@ -157,7 +158,7 @@ def test_steady_state_slip_is_sliding_speed_divided_by_rolling_speed(speed, side
     wheel = Wheel()
     spin = 1.1 * speed / r_e(0.02)
     steps = round(20 * 0.63 / speed / DT)
-    report = wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (speed, side_slip * speed, 0.0), (0.0, spin, 0.0), steps)
+    report = wheel.step((0.0, 0.0, 0.40), (0.0, 1.0, 0.0), (speed, side_slip * speed, 0.0), (0.0, spin, 0.0), steps)
     assert tan(report[SLIP_ANGLE]) == pytest.approx(side_slip, rel=1e-6)
     assert report[SLIP_RATIO] == pytest.approx(0.1, rel=1e-6)
 
@@ -166,7 +167,7 @@ def test_steady_state_slip_is_sliding_speed_divided_by_rolling_speed(speed, side
 @pytest.mark.parametrize("radii", [0.3, 1.5])
 def test_side_force_reaches_63_percent_after_one_relaxation_length(speed, radii):
     tyre = Linear(relaxation_radii=radii, bristle_damping_s=0.0)
-    motion = ((0, 0, 0.40), (0.0, 1.0, 0.0), (speed, 0.05 * speed, 0.0), (0.0, speed / r_e(0.02), 0.0))
+    motion = ((0.0, 0.0, 0.40), (0.0, 1.0, 0.0), (speed, 0.05 * speed, 0.0), (0.0, speed / r_e(0.02), 0.0))
     length = radii * R / (speed * DT)
     wheel = Wheel(tyre)
     early = wheel.step(*motion, steps=round(length))[FORCE_Y]
@@ -177,8 +178,8 @@ def test_side_force_reaches_63_percent_after_one_relaxation_length(speed, radii)
 
 def test_wheel_at_rest_resists_displacement_like_a_spring():
     wheel = Wheel(Linear(bristle_damping_s=0.0))
-    wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (0.01, -0.02, 0.0), STILL, steps=50)
-    held = wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), STILL, STILL, steps=5000)
+    wheel.step((0.0, 0.0, 0.40), (0.0, 1.0, 0.0), (0.01, -0.02, 0.0), STILL, steps=50)
+    held = wheel.step((0.0, 0.0, 0.40), (0.0, 1.0, 0.0), STILL, STILL, steps=5000)
     sigma = 1.5 * R
     assert held[FORCE_X] == pytest.approx(-25_000 * 0.001 / sigma, rel=0.01)
     assert held[FORCE_Y] == pytest.approx(15_000 * 0.002 / sigma, rel=0.01)
@@ -189,7 +190,7 @@ def test_wheel_at_rest_resists_displacement_like_a_spring():
 
 def test_only_the_vertical_load_acts_on_a_freely_rolling_wheel():
     wheel = Wheel()
-    report = wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (1.2, 0.0, 0.0), (0.0, 1.2 / r_e(0.02), 0.0), 500)
+    report = wheel.step((0.0, 0.0, 0.40), (0.0, 1.0, 0.0), (1.2, 0.0, 0.0), (0.0, 1.2 / r_e(0.02), 0.0), 500)
     assert report == pytest.approx(np.array([TYRE.stiffness * 0.02, 0, 0, 0, 0, 0]), abs=1e-9)
     assert wheel.wrench == pytest.approx(np.array([0, 0, TYRE.stiffness * 0.02, 0, 0, 0]), abs=1e-9)
 
@@ -198,9 +199,9 @@ def test_only_the_vertical_load_acts_on_a_freely_rolling_wheel():
 @pytest.mark.parametrize("height", [0.43, 0.4200001, 5.0])
 def test_airborne_wheel_has_no_force_and_no_bristle_deflection(law, height):
     wheel = Wheel(law())
-    wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (1.0, 0.3, 0.0), (0.0, 0.0, 0.2), 100)
+    wheel.step((0.0, 0.0, 0.40), (0.0, 1.0, 0.0), (1.0, 0.3, 0.0), (0.0, 0.0, 0.2), 100)
     assert wheel.bristle[:2].all()
-    assert not wheel.step((0, 0, height), (0.0, 1.0, 0.0), (1.0, 0.3, 0.0), (0.0, 9.0, 0.0)).any()
+    assert not wheel.step((0.0, 0.0, height), (0.0, 1.0, 0.0), (1.0, 0.3, 0.0), (0.0, 9.0, 0.0)).any()
     assert not wheel.wrench.any()
     assert not wheel.bristle.any()
 
@@ -208,9 +209,9 @@ def test_airborne_wheel_has_no_force_and_no_bristle_deflection(law, height):
 @pytest.mark.parametrize("law", LAWS)
 def test_wheel_load_is_a_spring_and_damper_force_that_is_never_negative(law):
     wheel = Wheel(law())
-    still = wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), STILL, STILL)[LOAD]
-    sinking = wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (0, 0, -0.5), STILL)[LOAD]
-    leaving = wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (0, 0, 5.0), STILL)[LOAD]
+    still = wheel.step((0.0, 0.0, 0.40), (0.0, 1.0, 0.0), STILL, STILL)[LOAD]
+    sinking = wheel.step((0.0, 0.0, 0.40), (0.0, 1.0, 0.0), (0.0, 0.0, -0.5), STILL)[LOAD]
+    leaving = wheel.step((0.0, 0.0, 0.40), (0.0, 1.0, 0.0), (0.0, 0.0, 5.0), STILL)[LOAD]
     assert still == pytest.approx(TYRE.stiffness * 0.02)
     assert sinking - still == pytest.approx(TYRE.damping * 0.5)
     assert leaving == 0.0
@@ -247,11 +248,15 @@ def test_tyre_wrench_acts_at_the_contact_patch():
     turn=st.floats(-1, 1),
 )
 def test_steadily_sliding_tyre_dissipates_energy(tyre, yaw, camber, velocity, spin, turn):
-    """Power is force times velocity plus torque times rotation; on level ground the load does no work."""
+    """Power is force times velocity plus torque times rotation; on level ground the load does no work.
+
+    The wheel moves by at least 1 m, because a tilted wheel with less motion is held by its elastic side force.
+    """
+    assume(4000 * DT * (np.hypot(*velocity) + R * (abs(spin) + abs(turn))) > 1.0)
     _, axle = turned(yaw, camber)
     rotation = np.array(times(spin, axle)) + (0.0, 0.0, turn)
     wheel = Wheel(tyre)
-    wheel.step((0, 0, 0.40), axle, (*velocity, 0.0), tuple(rotation), steps=4000)
+    wheel.step((0.0, 0.0, 0.40), axle, (*velocity, 0.0), tuple(rotation), steps=4000)
     power = wheel.wrench[:3] @ (*velocity, 0.0) + wheel.wrench[3:] @ rotation
     scale = np.abs(wheel.wrench).max() * (abs(spin) + np.hypot(*velocity))
     assert power <= 1e-6 * scale
@@ -262,7 +267,7 @@ def test_steadily_sliding_tyre_dissipates_energy(tyre, yaw, camber, velocity, sp
 def test_driving_and_braking_dissipate_energy_also_at_small_slip(law, slip):
     """With a lever arm other than the effective radius, a wheel could gain energy."""
     wheel, spin = Wheel(law(), rolling_resistance=0.0), 1.2 * (1 + slip) / r_e(0.02)
-    f_x = wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (1.2, 0.0, 0.0), (0.0, spin, 0.0), 4000)[FORCE_X]
+    f_x = wheel.step((0.0, 0.0, 0.40), (0.0, 1.0, 0.0), (1.2, 0.0, 0.0), (0.0, spin, 0.0), 4000)[FORCE_X]
     assert wheel.wrench[0] * 1.2 + wheel.wrench[4] * spin < 0
     if law is not Soil:  # which also pushes on the centre
         assert np.sign(f_x) == np.sign(slip)
@@ -270,7 +275,7 @@ def test_driving_and_braking_dissipate_energy_also_at_small_slip(law, slip):
 
 
 def test_rolling_resistance_decelerates_a_freely_rolling_wheel():
-    motion = ((0, 0, 0.40), (0.0, 1.0, 0.0), (1.2, 0.0, 0.0), (0.0, 1.2 / r_e(0.02), 0.0))
+    motion = ((0.0, 0.0, 0.40), (0.0, 1.0, 0.0), (1.2, 0.0, 0.0), (0.0, 1.2 / r_e(0.02), 0.0))
     wheel = Wheel(Linear(rolling_resistance=0.05))
     load = wheel.step(*motion, steps=200)[LOAD]
     assert wheel.wrench[4] == pytest.approx(-0.05 * load * r_e(0.02), rel=1e-6)

@@ -4,13 +4,14 @@ from math import sqrt
 
 import numpy as np
 import pytest
+from wheel_steps import step_of
 
 from agrobot_mj.machine.linkage import DRY_GRIP
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import MagicFormula, Soil
 from agrobot_mj.tyres.base import Footing
-from agrobot_mj.tyres.laws import slip_stiffness, tyre_set, wheel_step
+from agrobot_mj.tyres.laws import slip_stiffness, tyre_set
 from agrobot_mj.tyres.patch import FORCE_Y, WheelMotion
 
 TRACTOR, GROUND, DT, REAR = TractorParameters(), Flat().ground(), 0.002, 2
@@ -23,6 +24,7 @@ def torques(tyre, v, turn, steps=2000, v_y=0.0):
     spin = v / (RADIUS - sunk / 3)
     motion = WheelMotion((0.0, 0.0, RADIUS - sunk), (0.0, 1.0, 0.0), (v, v_y, 0.0), (0.0, spin, turn))
     bristle, wrench, report = np.zeros(4), np.zeros(6), np.zeros(6)
+    wheel_step = step_of(tyres, GROUND)
     for _ in range(steps):
         wheel_step(tyres, REAR, GROUND, motion, DT, bristle, wrench, report)
     return wrench[3:], report[FORCE_Y]

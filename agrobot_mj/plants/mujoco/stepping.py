@@ -118,7 +118,7 @@ class Assembly(NamedTuple):
 
 
 @kernel
-def apply_tyres(v: Views, wheels: Index, tyred: Tyred, dt: float, last: bool = True) -> None:
+def apply_tyres(v: Views, wheels: Index, tyred: Tyred, dt: float, last: bool) -> None:
     """Advance the tyre of each wheel body in `wheels` by one step, and write the tyre wrench to `xfrc_applied`.
 
     Except for the load, the log quantities in `tyred.report` are computed only in the `last` step of a tick.
@@ -141,11 +141,11 @@ def apply_tyres(v: Views, wheels: Index, tyred: Tyred, dt: float, last: bool = T
 
 
 @kernel
-def apply_implement(v: Views, a: Attached, ground: Ground, dt: float) -> None:
+def apply_implement(v: Views, a: Attached, ground: Ground, dt: float, last: bool) -> None:
     """Write the wrenches on the implement's body and wheels to `xfrc_applied`."""
     apply_tools(v, a, ground, dt)
     if not a.native:
-        apply_tyres(v, a.wheels, Tyred(False, a.tyres, ground, a.bristles, a.wheel_report), dt)
+        apply_tyres(v, a.wheels, Tyred(False, a.tyres, ground, a.bristles, a.wheel_report), dt, last)
 
 
 @kernel
@@ -245,6 +245,7 @@ def run_steps(rig: Held[Assembly], voltages: tuple[float, float], first: int, cl
     for i in range(first, samples.shape[1]):
         if clear and not is_clear(clearance, v.qpos):
             clear, alone, direct, flags[0] = False, False, False, plain
+        last = i + 1 == samples.shape[1]
         flow = loaded_flow(valve, valve_step(valve, valve_memory, voltages[0]), v.torques[STEERING] / oil.displacement)
         v.ctrl[STEERING] = flow / oil.displacement
         v.ctrl[DRIVE] = drive_step(drive, drive_memory, voltages[1]) / oil.drive_radius
@@ -261,9 +262,9 @@ def run_steps(rig: Held[Assembly], voltages: tuple[float, float], first: int, cl
         if loaded:
             apply_loads(v, loads, drive.dt)
         if not tyred.native:
-            apply_tyres(v, v.wheels, tyred, drive.dt, i + 1 == samples.shape[1])
+            apply_tyres(v, v.wheels, tyred, drive.dt, last)
         if attached.body > 0:
-            apply_implement(v, attached, tyred.ground, drive.dt)
+            apply_implement(v, attached, tyred.ground, drive.dt, last)
         if finish_step(v, direct) != 0:
             done = False
             break

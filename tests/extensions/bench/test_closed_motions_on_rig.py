@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from wheel_steps import step_of
 
 from agrobot_mj.extensions.bench.manoeuvres.closed_motions import HARMONICS, ROUNDING, Cycle, cycle, gains, tool_gains
 from agrobot_mj.machine.implements.draught import Tool
@@ -10,7 +11,7 @@ from agrobot_mj.plants.mujoco.tools import MEMORIES, soil_on_tool
 from agrobot_mj.terrain import Flat, Ridges
 from agrobot_mj.terrain.grid import height_and_gradient
 from agrobot_mj.tyres import Linear, MagicFormula, Ruts, Soil
-from agrobot_mj.tyres.laws import tyre_set, wheel_step
+from agrobot_mj.tyres.laws import tyre_set
 from agrobot_mj.tyres.patch import WheelMotion
 
 TYRES = [Linear, MagicFormula, Soil, Ruts]
@@ -94,6 +95,7 @@ def leaning(kind, phase, ground, y=0.0):
     tyres.damping[:] = 0.0
     h, base = tyres.radius[i] - 2400.0 / tyres.stiffness[i], height_and_gradient(ground, 0.0, y)[0]
     bristle, wrench, report, work, exchanged = np.zeros(4), np.zeros(6), np.zeros(6), 0.0, 0.0
+    wheel_step = step_of(tyres, ground)
     for k in range(3 * n):
         t, moved = 2 * np.pi * (k + 0.5) / n, wrench.copy()
         lean, rate = 0.06 * np.sin(t), 0.06 * 2 * np.pi * np.cos(t)
@@ -128,10 +130,12 @@ def test_wheel_turned_under_an_oscillating_load_gains_no_energy(phase):
     tyres, dt, n = tyre_set(MagicFormula(), TractorParameters()), 0.001, 1000
     tyres.damping[:] = 0.0
     bristle, wrench, report, work = np.zeros(4), np.zeros(6), np.zeros(6), 0.0
+    ground = Flat().ground()
+    wheel_step = step_of(tyres, ground)
     for k in range(3 * n):
         t, moment = k / n, wrench[5]
         sunk, turn = 0.0117 * (1 + 0.7 * np.sin(4 * np.pi * t + phase)), 0.2 * np.cos(2 * np.pi * t)
         motion = WheelMotion((0.0, 0.0, 0.28 - sunk), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, turn))
-        wheel_step(tyres, 0, Flat().ground(), motion, dt, bristle, wrench, report)
+        wheel_step(tyres, 0, ground, motion, dt, bristle, wrench, report)
         work += 0.5 * (moment + wrench[5]) * turn * dt if k >= 2 * n else 0.0
     assert work <= 1e-9

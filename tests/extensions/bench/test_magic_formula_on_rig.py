@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from wheel_steps import step_of
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.extensions.bench.rig import FRONT, REAR, Rig, Setting, load_specimen
@@ -14,7 +15,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import MagicFormula
 from agrobot_mj.tyres.base import Footing, Slip
-from agrobot_mj.tyres.laws import tyre_set, wheel_step
+from agrobot_mj.tyres.laws import tyre_set
 from agrobot_mj.tyres.magic_formula import AxleTyre, Curve
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, WheelMotion
 
@@ -177,11 +178,13 @@ def test_dragged_wheel_without_rotation_slides_at_its_friction_limit(direction_d
     way = radians(direction_deg)
     velocity = (0.05 * np.cos(way), 0.05 * np.sin(way), 0.0)
     bristle, wrench, report, used = np.zeros(4), np.zeros(6), np.zeros(6), []
+    ground = Flat().ground()
+    wheel_step = step_of(tyres, ground)
     for _ in range(5000):
         centre = (0.0, 0.0, tyres.radius[0] - penetration)
         still = (0.0, 0.0, 0.0)
         motion = WheelMotion(centre, (0.0, 1.0, 0.0), velocity, still)
-        wheel_step(tyres, 0, Flat().ground(), motion, 0.002, bristle, wrench, report)
+        wheel_step(tyres, 0, ground, motion, 0.002, bristle, wrench, report)
         load = report[LOAD]
         used.append(hypot(report[FORCE_X] / (0.8 * load), report[FORCE_Y] / (0.75 * load)))
     assert max(used) <= 1.003  # the grip is a little higher at 1440 N than at the reference

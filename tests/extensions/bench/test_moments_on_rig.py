@@ -4,13 +4,14 @@ from math import radians, sqrt, tan
 
 import numpy as np
 import pytest
+from wheel_steps import step_of
 
 from agrobot_mj.extensions.bench.rig import FRONT, Rig, Setting
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Flat
 from agrobot_mj.terrain.grid import Surface
 from agrobot_mj.tyres import Linear, MagicFormula, Ruts, Soil
-from agrobot_mj.tyres.laws import tyre_set, wheel_step
+from agrobot_mj.tyres.laws import tyre_set
 from agrobot_mj.tyres.patch import FORCE_Y, WheelMotion
 
 TRACTOR, GROUND, DT = TractorParameters(), Flat().ground(), 0.002
@@ -27,6 +28,7 @@ class Turning:
 
     def __init__(self, tyre):
         self.tyres = tyre_set(tyre, TRACTOR)
+        self.advance = step_of(self.tyres, GROUND)
         self.bristle, self.wrench, self.report = np.zeros(4), np.zeros(6), np.zeros(6)
 
     def moments(self, turns, v=0.0):
@@ -37,7 +39,7 @@ class Turning:
         centre, axle = (0.0, 0.0, 0.28 - SUNK), (0.0, 1.0, 0.0)
         rotation = (0.0, v / (0.28 - SUNK / 3), turn)
         motion = WheelMotion(centre, axle, (v, 0.0, 0.0), rotation)
-        wheel_step(self.tyres, 0, GROUND, motion, DT, self.bristle, self.wrench, self.report)
+        self.advance(self.tyres, 0, GROUND, motion, DT, self.bristle, self.wrench, self.report)
         return float(self.wrench[5])
 
 
@@ -45,9 +47,9 @@ def yawed(tyre, v, slip):
     """Return the steady moment of a wheel that rolls at `v` [m/s] and slides to the left by the tangent `slip`."""
     wheel = Turning(tyre)
     velocity = (v, v * slip if v > 0 else -v * slip, 0.0)
-    motion = ((0, 0, 0.28 - SUNK), (0.0, 1.0, 0.0), velocity, (0.0, v / (0.28 - SUNK / 3), 0.0))
+    motion = ((0.0, 0.0, 0.28 - SUNK), (0.0, 1.0, 0.0), velocity, (0.0, v / (0.28 - SUNK / 3), 0.0))
     for _ in range(3000):
-        wheel_step(wheel.tyres, 0, GROUND, WheelMotion(*motion), DT, wheel.bristle, wheel.wrench, wheel.report)
+        wheel.advance(wheel.tyres, 0, GROUND, WheelMotion(*motion), DT, wheel.bristle, wheel.wrench, wheel.report)
     return float(wheel.wrench[5])
 
 
@@ -64,9 +66,10 @@ def test_aligning_moment_turns_a_wheel_towards_its_velocity(slip):
 def test_only_the_aligning_moment_acts_on_a_wheel_rolling_straight(way, slip):
     """The aligning moment is the side force times the trail, which is behind the patch in the direction of travel."""
     wheel, trail = Turning(MagicFormula(trail_m=0.03)), 0.03
-    motion = WheelMotion((0, 0, 0.28 - SUNK), (0.0, 1.0, 0.0), (way, slip, 0.0), (0.0, way / (0.28 - SUNK / 3), 0.0))
+    velocity, rotation = (float(way), slip, 0.0), (0.0, way / (0.28 - SUNK / 3), 0.0)
+    motion = WheelMotion((0.0, 0.0, 0.28 - SUNK), (0.0, 1.0, 0.0), velocity, rotation)
     for _ in range(100):
-        wheel_step(wheel.tyres, 0, GROUND, motion, 0.1, wheel.bristle, wheel.wrench, wheel.report)
+        wheel.advance(wheel.tyres, 0, GROUND, motion, 0.1, wheel.bristle, wheel.wrench, wheel.report)
     behind = way * trail * np.exp(-abs(slip) / 0.1)
     assert wheel.wrench[5] == pytest.approx(-behind * wheel.report[FORCE_Y], rel=1e-3)
     assert wheel.wrench[5] * slip * way > 0
@@ -116,7 +119,7 @@ def test_scrubbing_moment_is_proportional_to_friction(tyre):
     surface = Surface(-100.0, -100.0, 200.0, np.full((1, 1), 0.25), np.zeros((1, 1)))
     motion = WheelMotion((0.0, 0.0, 0.28 - SUNK), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     for _ in range(1000):
-        wheel_step(icy.tyres, 0, GROUND._replace(surface=surface), motion, DT, icy.bristle, icy.wrench, icy.report)
+        icy.advance(icy.tyres, 0, GROUND._replace(surface=surface), motion, DT, icy.bristle, icy.wrench, icy.report)
     assert icy.wrench[5] == pytest.approx(0.25 * dry.wrench[5])
 
 
@@ -167,8 +170,8 @@ def test_parked_wheel_is_harder_to_steer_than_a_rolling_wheel():
 def test_airborne_wheel_has_no_aligning_or_scrubbing_moment():
     wheel = Turning(MagicFormula())
     wheel.moments([1.0] * 50)
-    motion = ((0, 0, 0.3), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-    wheel_step(wheel.tyres, FRONT, GROUND, WheelMotion(*motion), DT, wheel.bristle, wheel.wrench, wheel.report)
+    motion = ((0.0, 0.0, 0.3), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    wheel.advance(wheel.tyres, FRONT, GROUND, WheelMotion(*motion), DT, wheel.bristle, wheel.wrench, wheel.report)
     assert not wheel.wrench.any()
     assert not wheel.bristle.any()
 

@@ -5,13 +5,14 @@ from math import exp, hypot, radians, sqrt, tan
 
 import numpy as np
 import pytest
+from wheel_steps import step_of
 
 from agrobot_mj.extensions.bench.rig import FRONT, REAR, Rig, Setting
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import Soil
 from agrobot_mj.tyres.base import Footing, Slip
-from agrobot_mj.tyres.laws import tyre_set, wheel_step
+from agrobot_mj.tyres.laws import tyre_set
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, WheelMotion
 
 TRACTOR = TractorParameters()
@@ -117,10 +118,11 @@ def test_firmer_ground_gives_more_traction_and_less_motion_resistance():
 
 def test_motion_resistance_opposes_motion_in_both_directions():
     tyres, ground = tyre_set(Soil(), TRACTOR), Flat().ground()
+    wheel_step = step_of(tyres, ground)
     pushes = []
     for v in (1.0, -1.0):
         bristle, wrench, report = np.zeros(4), np.zeros(6), np.zeros(6)
-        motion = WheelMotion((0, 0, 0.27), (0.0, 1.0, 0.0), (v, 0.0, 0.0), (0.0, v / (0.28 - 0.01 / 3), 0.0))
+        motion = WheelMotion((0.0, 0.0, 0.27), (0.0, 1.0, 0.0), (v, 0.0, 0.0), (0.0, v / (0.28 - 0.01 / 3), 0.0))
         for _ in range(10):
             wheel_step(tyres, 0, ground, motion, 1.0, bristle, wrench, report)
         pushes.append(wrench[0])
@@ -168,6 +170,7 @@ def test_braking_force_mirrors_driving_force_at_equal_slip():
 
 def test_dragged_wheel_without_rotation_slides_at_its_friction_limit():
     tyres, ground = tyre_set(Soil(), TRACTOR), Flat().ground()
+    wheel_step = step_of(tyres, ground)
     centre = (0.0, 0.0, 0.28 - TRACTOR.front_wheel.deflection)
     dragged = WheelMotion(centre, (0.0, 1.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.0))
     bristle, wrench, report, forces = np.zeros(4), np.zeros(6), np.zeros(6), []
