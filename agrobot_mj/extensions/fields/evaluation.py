@@ -1,7 +1,8 @@
 """Evaluation of simulated field work from the log of the run: coverage, excursions, turns and field capacity."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, cast
@@ -18,10 +19,12 @@ from agrobot_mj.extensions.fields.crop_rows import CropRows, run_over
 from agrobot_mj.extensions.fields.effort import NO_PRICES, Prices, cost, effort
 from agrobot_mj.extensions.fields.operations import WorkedPass, capacity, pass_to_pass, summary, turn_of
 from agrobot_mj.extensions.fields.plan import Plan, PlannedPass
+from agrobot_mj.extensions.fields.plan_path import FieldPlan
 from agrobot_mj.extensions.fields.planned import planned_coverage, planned_motion
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine, implement_boxes, tractor_boxes
 from agrobot_mj.extensions.fields.raster import PassMap, pass_map
 from agrobot_mj.metrics import RunView
+from agrobot_mj.paths.profile import TimedCourse
 from agrobot_mj.paths.track import Index
 from agrobot_mj.simulation.log import Log
 
@@ -45,10 +48,17 @@ class FieldDrive:
     prices: Prices = NO_PRICES
     rows: CropRows | None = None
 
-    @property
+    @cached_property
     def log(self) -> Log:
-        """Log of the run."""
-        return cast(Log, self.view.log)
+        """Log of the run until the CG passes the end of the plan. A law without speed feedback may arrive early, and
+        then drives on until the reference arrives."""
+        whole = cast(Log, self.view.log)
+        after = np.flatnonzero(self._travelled_distances >= self._timed.distances[-1])
+        if not after.size or after[0] + 1 == whole.rows.filled:
+            return whole
+        rows = copy(whole.rows)
+        rows.filled = int(after[0]) + 1
+        return replace(whole, rows=rows)
 
     @cached_property
     def motion(self) -> ImplementMotion:
@@ -57,17 +67,22 @@ class FieldDrive:
         x, y, yaw = (column(name) for name in ("x", "y", "yaw"))
         ahead = np.cos(yaw) * (column("x_hat") - x) + np.sin(yaw) * (column("y_hat") - y)
         signals = {name: column(name) for name in SIGNALS if name in self.log.rows.columns}
-        return implement_motion(signals, self.plan.behind, self._travelled_distances() + np.nan_to_num(ahead))
+        travelled = self._travelled_distances[: len(x)]
+        return implement_motion(signals, self.plan.behind, travelled + np.nan_to_num(ahead))
 
+    @property
+    def _timed(self) -> TimedCourse:
+        return cast(FieldPlan, self.view.path).motion
+
+    @cached_property
     def _travelled_distances(self) -> Array:
-        """Return the arc length of the plan at the position of the CG in each tick [m]."""
-        beside = self.view.cg_on_path
-        timed = self.log.scenario.path.motion  # type: ignore[union-attr]
+        """Arc length of the plan at the position of the CG in each tick [m], shape (ticks,)."""
+        beside, timed = self.view.cg_on_path, self._timed
         k = np.clip(np.searchsorted(timed.times, np.nan_to_num(beside.time), "right") - 1, 0, len(timed.speeds) - 2)
         dt = beside.time - timed.times[k]
         gain = (timed.speeds[k + 1] - timed.speeds[k]) / (timed.times[k + 1] - timed.times[k])
         x, y, yaw = beside.circles.T[:3]
-        ahead = np.cos(yaw) * (self.log.column("x") - x) + np.sin(yaw) * (self.log.column("y") - y)
+        ahead = np.cos(yaw) * (self.view.column("x") - x) + np.sin(yaw) * (self.view.column("y") - y)
         found: Array = timed.distances[k] + dt * (timed.speeds[k] + gain * dt / 2) + timed.course.directions[k] * ahead
         return found
 

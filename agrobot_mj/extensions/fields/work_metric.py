@@ -50,5 +50,5 @@ class FieldWork(Metric):
             "tractor_beyond_m": out["tractor"]["largest_m"],
             "implement_beyond_m": out["implement"]["largest_m"],
             "field_turns_s": float(sum(turn["time_s"] for turn in drive.turns())),
-            "field_hours": float(view.column("t")[-1]) / 3600,
+            "field_hours": float(drive.log.column("t")[-1]) / 3600,
         }

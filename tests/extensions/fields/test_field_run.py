@@ -69,6 +69,44 @@ def test_error_for_a_field_run_on_a_plan_folder_states_the_required_option(tmp_p
     assert "specify the boundary file, and --plan planned/field_plan.json" in err
 
 
+EARLY = """
+from math import atan2
+from typing import Literal
+
+from agrobot_mj.control.base import GuidanceLaw
+from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.signals import Command
+from agrobot_mj.scenario.plugins import register
+
+
+@register
+class Early(GuidanceLaw):
+    kind: Literal["early"] = "early"
+
+    def init(self):
+        return 0.0
+
+    def update(self, state, situation, dt):
+        e, route = situation.estimate, situation.route
+        place = route.nearest(e.x, e.y, state, situation.t)
+        ahead = route.ahead(place.s + 2.0)
+        bearing = wrap(atan2(ahead.y - e.y, ahead.x - e.x) - e.yaw)
+        return place.s, Command(min(max(1.2 * bearing, -0.7), 0.7), max(place.speed, 0.3))
+"""
+
+
+def test_motion_beyond_the_end_of_the_plan_is_not_evaluated(tmp_path, call):
+    """The law has no speed feedback and passes the end of the plan before the reference."""
+    (tmp_path / "early.py").write_text(EARLY)
+    words = ("--plugin", tmp_path / "early.py", "--guidance", "early", "--no-reverse", "--no-rrd", "--json")
+    status, out, err = call("field", "run", boundary(tmp_path), *words, "--out", tmp_path / "run")
+    assert status == 0, err
+    found, signals = json.loads(out)["coverage"], pq.read_table(tmp_path / "run" / "signals.parquet")
+    assert signals["t"][-1].as_py() > found["time_s"] + 3.0
+    assert max(np.abs(signals["x"].to_numpy()).max() - 20.0, np.abs(signals["y"].to_numpy()).max() - 12.5) > 3.0
+    assert found["excursions"]["tractor"]["largest_m"] < 1.0
+
+
 def test_simulated_field_run_covers_the_field(driven):
     found = json.loads((driven / "runs" / "field" / "coverage.json").read_text())
     whole = found["areas"]["field"]
