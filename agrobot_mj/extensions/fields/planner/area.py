@@ -18,7 +18,7 @@ from agrobot_mj.paths.track import Piece, chain
 TOLERANCE_M = 0.05  # Permitted distance of the machine beyond the boundary, for rounded corners and coordinates [m]
 SWING_M = 0.3
 """Additional permitted distance of the implement ends beyond the boundary in bends [m]. Assumed value (range 0-0.5)."""
-THIN, LEAST_PART = 0.3, 4.0
+THIN, LEAST_PART = 0.3, 2.0
 """Half of the minimum width, divided by the working width, and minimum area, divided by the square of the working
 width, of a part of the headland that gets swaths [-]. Assumed values."""
 BLOCK = 4096  # Number of poses that are checked at a time, to limit memory usage

@@ -30,7 +30,7 @@ from agrobot_mj.paths.track import Course, Piece
 LAP_STARTS = 24  # Number of evaluated points of a ring at which a lap may start
 DEFAULT_HEADLANDS = 2  # Default number of headland laps, which is increased if the turns need more space
 TRIES = 6  # Maximum number of further attempts with additional laps, or with the margin that laps need
-FILLINGS = 8  # Maximum number of attempts with swaths in parts of the headland
+FILLINGS = 16  # Maximum number of attempts with swaths in parts of the headland
 WIDER = 3  # Maximum number of attempts with a margin for turns
 MARGIN_STEP_M = 0.02  # Amount added to an excess distance beyond the boundary to obtain the increase of the margin [m]
 CLOSE_M = 1e-3  # Distance below which two poses count as equal [m]
