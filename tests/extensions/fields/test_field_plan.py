@@ -306,3 +306,15 @@ def test_boundary_warning_lists_each_location_once():
     place = Leaving(x, 0.0 * x, np.stack([0.0 * zigzag, zigzag]), -np.ones(16), np.zeros(16, dtype=bool))
     (warning,) = place.warnings()
     assert warning.endswith("by up to 0.20 m at (0, 0), (20, 0), (30, 0), (40, 0), (50, 0) m and 2 more")
+
+
+@pytest.mark.parametrize("seed", [33, 69, 122])
+def test_omitted_headland_is_found_in_irregular_fields(seed):
+    """GEOS cannot intersect the areas of these fields exactly."""
+    rng = np.random.default_rng(seed)
+    angle, distance = np.sort(rng.uniform(0, 2 * np.pi, 12)), rng.uniform(40, 90, 12)
+    field = Field("irregular", Polygon(np.column_stack([distance * np.cos(angle) * 1.3, distance * np.sin(angle)])))
+    scenario = planning_scenario("irregular", {"transition": "clothoid", "speed_m_s": 2.0}, {"machine": "orchard"})
+    area = area_of(field, 4, rig_of(scenario, 2.5))
+    assert area.omitted.difference(area.worked.buffer(1e-3)).area < 1e-3
+    assert area.omitted.intersection(area.body).area < 1e-1

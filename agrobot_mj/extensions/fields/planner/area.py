@@ -21,6 +21,7 @@ SWING_M = 0.3
 THIN, LEAST_PART = 0.3, 2.0
 """Half of the minimum width, divided by the working width, and minimum area, divided by the square of the working
 width, of a part of the headland that gets swaths [-]. Assumed values."""
+GRID_M = 1e-4  # Grid to which areas are rounded, because GEOS cannot intersect some areas exactly [m]
 BLOCK = 4096  # Number of poses that are checked at a time, to limit memory usage
 
 
@@ -47,19 +48,19 @@ class Area:
 
     def extended(self, more: BaseGeometry) -> "Area":
         """Return the same areas with the body extended by `more`."""
-        return replace(self, body=self.body.union(more))
+        return replace(self, body=shapely.union(self.body, more, grid_size=GRID_M))
 
     @property
     def omitted(self) -> BaseGeometry:
         """Parts of the headland that no lap works, because the laps have no space for a bend, and that are large enough
         for swaths."""
         laps = shapely.union_all([ring.line.buffer(self.rig.spacing / 2, join_style="mitre") for ring in self.laps])
-        return self.large_parts(self.worked.difference(laps).difference(self.body))
+        return self.large_parts(self.worked, shapely.union(laps, self.body, grid_size=GRID_M))
 
-    def large_parts(self, area: BaseGeometry) -> BaseGeometry:
-        """Return the parts of `area` that are large enough for swaths."""
-        thin = THIN * self.rig.spacing
-        wide = area.buffer(-thin).buffer(thin, join_style="mitre").intersection(area)
+    def large_parts(self, area: BaseGeometry, other: BaseGeometry) -> BaseGeometry:
+        """Return the parts of `area` outside `other` that are large enough for swaths."""
+        area, thin = shapely.difference(area, other, grid_size=GRID_M), THIN * self.rig.spacing
+        wide = shapely.intersection(area.buffer(-thin).buffer(thin, join_style="mitre"), area, grid_size=GRID_M)
         least = LEAST_PART * self.rig.spacing**2
         return shapely.union_all([part for part in shapely.get_parts(wide) if part.area > least])
 

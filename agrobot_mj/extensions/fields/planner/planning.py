@@ -247,7 +247,7 @@ def _with_headland_swaths(work: _Work) -> _Work:
         now = _swaths_and_laps(work.area.extended(parts), work.options)
         if not max(now.leaving.laps, now.leaving.turns):
             return now
-        parts = work.area.large_parts(parts.difference(now.leaving.surroundings(parts)))
+        parts = work.area.large_parts(parts, now.leaving.surroundings(parts))
     return work
 
 
