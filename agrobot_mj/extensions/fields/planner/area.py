@@ -12,6 +12,7 @@ from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.extensions.fields.plan import Plan
 from agrobot_mj.extensions.fields.planner.laps import Ring, offset, rings, smooth_ring
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine, implement_boxes, tractor_boxes, tractor_poses
+from agrobot_mj.extensions.fields.repair import polygons_of
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.track import Piece, chain
 
@@ -48,18 +49,20 @@ class Area:
 
     def extended(self, more: BaseGeometry) -> "Area":
         """Return the same areas with the body extended by `more`."""
-        return replace(self, body=shapely.union(self.body, more, grid_size=GRID_M))
+        return replace(self, body=_polygonal(shapely.union(self.body, more, grid_size=GRID_M)))
 
     @property
     def omitted(self) -> BaseGeometry:
         """Parts of the headland that no lap works, because the laps have no space for a bend, and that are large enough
         for swaths."""
         laps = shapely.union_all([ring.line.buffer(self.rig.spacing / 2, join_style="mitre") for ring in self.laps])
-        return self.large_parts(self.worked, shapely.union(laps, self.body, grid_size=GRID_M))
+        return self.large_parts(self.worked, laps, self.body)
 
-    def large_parts(self, area: BaseGeometry, other: BaseGeometry) -> BaseGeometry:
-        """Return the parts of `area` outside `other` that are large enough for swaths."""
-        area, thin = shapely.difference(area, other, grid_size=GRID_M), THIN * self.rig.spacing
+    def large_parts(self, area: BaseGeometry, *others: BaseGeometry) -> BaseGeometry:
+        """Return the parts of `area` outside `others` that are large enough for swaths."""
+        for other in others:
+            area = _polygonal(shapely.difference(area, other, grid_size=GRID_M))
+        thin = THIN * self.rig.spacing
         wide = shapely.intersection(area.buffer(-thin).buffer(thin, join_style="mitre"), area, grid_size=GRID_M)
         least = LEAST_PART * self.rig.spacing**2
         return shapely.union_all([part for part in shapely.get_parts(wide) if part.area > least])
@@ -98,6 +101,11 @@ class Area:
         """
         found = (outside - self.beyond - np.array([[0.0], [SWING_M]])).max(axis=0)
         return np.where(found > TOLERANCE_M, found, 0.0)
+
+
+def _polygonal(shape: BaseGeometry) -> BaseGeometry:
+    """Return the polygons of a shape, without lines and points of zero area."""
+    return shapely.union_all(polygons_of(shape))
 
 
 def whole_of(field: Field) -> BaseGeometry:
