@@ -344,6 +344,12 @@ def test_longer_reversing_and_reversing_into_a_new_direction_are_kept(tmp_path, 
         Waypoints(file=str(tmp_path / "track.csv")).check()
 
 
+def test_short_track_that_turns_back_in_its_middle_is_unchanged():
+    track = np.array([(0.0, 0.0), (0.0, 1.3), (0.0, 2.6), (0.2, 1.4), (0.4, 0.1)])
+    kept, notes = clean(track)
+    assert (len(kept), notes) == (5, [])
+
+
 def test_waypoints_path_along_a_track_with_a_fold_back_is_drivable(tmp_path):
     rows = "\n".join(f"{x:.3f},{y:.3f}" for x, y in track_with_reverse(2.0))
     (tmp_path / "track.csv").write_text(f"x,y\n{rows}\n", encoding="utf-8")

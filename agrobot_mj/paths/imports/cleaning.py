@@ -17,6 +17,9 @@ THINNINGS_M = (0.05, 0.1, 0.2, 0.4, 0.8)
 """Minimum point distances [m] for thinning a track, applied in this order until the track has no reversals."""
 FOLD_M = 3.0  # Maximum length of a fold-back [m]. Assumed value, shorter than the reverse segment of a turn.
 MOST_FOLDS = 100  # Maximum number of fold-backs in a track
+MOST_FOLDED = 0.25
+"""Maximum length of all fold-backs divided by the length of the track [-]. Assumed value: a short
+track that reverses over a larger part contains a manoeuvre."""
 BACK = np.cos(np.radians(100.0))  # Cosine of 100 degrees [-]; a track with a larger change of direction turns back
 OUTLYING = 3.0
 """Minimum distance of outliers from the median point, divided by the extent of the other points [-]. Assumed value."""
@@ -120,17 +123,21 @@ def _is_noisy(points: Array) -> bool:
 
 
 def _without_folds(points: Array, kept: Index) -> tuple[int, Index]:
-    """Return the number of fold-backs and the indices of `kept` without fold-backs. If there are other reversals,
-    return 0 and `kept`."""
+    """Return the number of fold-backs and the indices of `kept` without fold-backs. If there are other reversals, or
+    the fold-backs are a large part of the track, return 0 and `kept`."""
     rest = kept
     for count in range(MOST_FOLDS):
         left = points[rest]
         if not len(reversals := _reversals(left)):
-            return count, rest
+            return (count, rest) if _length(left) >= (1 - MOST_FOLDED) * _length(points[kept]) else (0, kept)
         if (after := _after_fold(left, int(reversals[0]))) is None:
             break
         rest = np.delete(rest, slice(int(reversals[0]) + 1, after))
     return 0, kept
+
+
+def _length(points: Array) -> float:
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())
 
 
 def _after_fold(points: Array, k: int) -> int | None:
