@@ -60,6 +60,13 @@ def test_odd_number_of_points_ends_with_a_triangle(tmp_path):
     assert area.equals(Polygon([(0, 1), (0, 0), (2, 0), (3, 1)]))
 
 
+def test_strip_along_its_own_front_has_no_line_as_a_part(tmp_path):
+    """The first quadrilateral has no area, because both edges move along the line between them."""
+    points = [(0, 1), (0, 0), (0, 3), (0, 2), (2, 1), (2, 0)]
+    (area,) = recorded_strips(sections_file(tmp_path, strip_rows(points)))
+    assert area.equals(Polygon([(0, 3), (2, 1), (2, 0), (0, 2)]))
+
+
 def test_decimal_commas_and_other_lines_of_recorded_work_are_read(tmp_path):
     text = "Sections\r\n\r\n" + strip_rows([(0.5, 1), (0.5, 0), (2.5, 1), (2.5, 0)]).replace(",", ";").replace(
         ".", ","
@@ -169,7 +176,7 @@ def test_work_outside_the_field_is_rejected_with_its_distance():
     field, inside, outside = Field("home", box(0, 0, 100, 6)), box(0, 0, 50, 3), box(150, 0, 200, 3)
     with pytest.raises(ScenarioError, match=r"^home: the work in Sections\.txt is 50 m away from the field; specify"):
         comparison(field, [outside], [inside])
-    with pytest.raises(ScenarioError, match=r"^home: the work of the run is 50 m away from the field; compare the Start"):
+    with pytest.raises(ScenarioError, match=r"^home: the work of the run is 50 m away from the field; compare"):
         comparison(field, [inside], [outside])
     assert comparison(field, [inside, outside], []).numbers()["recorded_only_m2"] == pytest.approx(150)
 
