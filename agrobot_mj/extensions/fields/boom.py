@@ -117,7 +117,7 @@ def strip(left: Array, right: Array) -> BaseGeometry:
     quads = shapely.polygons(np.stack(list(_quads(left, right)), axis=1))
     bad = ~shapely.is_valid(quads)
     quads[bad] = shapely.convex_hull(quads[bad])
-    return shapely.union_all(quads)
+    return shapely.union_all(quads[shapely.area(quads) > 0.0])
 
 
 def _quads(left: Array, right: Array) -> Iterator[Array]:

@@ -59,7 +59,7 @@ def _areas(found: FieldCoverage, region: BaseGeometry) -> dict[str, float]:
     covered = float(shapely.area(shapely.intersection(np.array(list(found.passes), dtype=object), region)).sum())
     worked = found.union.intersection(region).area
     missed = found.missed.intersection(region).area
-    numbers = {"worked": worked, "covered": covered, "overlapped": covered - worked, "missed": missed}
+    numbers = {"worked": worked, "covered": covered, "overlapped": max(covered - worked, 0.0), "missed": missed}
     shares = {f"{name}_percent": 100 * value / whole if whole else 0.0 for name, value in numbers.items()}
     return {"area_m2": whole, **{f"{name}_m2": value for name, value in numbers.items()}, **shares}
 

@@ -240,9 +240,7 @@ def sentence(content: dict[str, Any]) -> str:
     """Return a summary of the results in one sentence: coverage, gaps, excursions and crop rows."""
     whole = content["areas"]["field"]
     hectares = f"{whole['worked_m2'] / 1e4:.3g} of {whole['area_m2'] / 1e4:.3g} ha worked at least once"
-    text = (
-        f"{hectares}, {max(whole['overlapped_percent'], 0.0):.1f} % overlapped, {whole['missed_percent']:.1f} % missed"
-    )
+    text = f"{hectares}, {whole['overlapped_percent']:.1f} % overlapped, {whole['missed_percent']:.1f} % missed"
     found = content["gaps"]
     out = {name: each for name, each in content["excursions"].items() if each["largest_m"] > 0.05}
     if found and whole["missed_percent"] >= 0.05:

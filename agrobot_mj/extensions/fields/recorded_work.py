@@ -95,7 +95,7 @@ def work_of_run(folder: Path, plane: Origin, width: float, sections: int | None)
     """Return the ground that the sections of the implement worked in a run of `link`, in a local plane.
 
     `sections` is the number of sections of the implement; None selects the highest section that the host switched on.
-    Raise `ScenarioError` if the run was not controlled over a link.
+    Raise `ScenarioError` if the run was not controlled over a link, or if the host switches a section above `sections`.
     """
     times, masks = _switching(folder / "link.parquet")
     scenario = load_scenario(str(folder / "scenario.toml"))
@@ -107,7 +107,10 @@ def work_of_run(folder: Path, plane: Origin, width: float, sections: int | None)
         times, masks = signals["t"], np.where(np.nan_to_num(signals["link_engaged"]) > 0, 1, 0)
         notes.append("the host sent no section states, so all sections are counted as on while the host steers")
         sections = 1
-    count = sections or int(masks.max()).bit_length()
+    used = int(masks.max()).bit_length()
+    if sections and sections < used:
+        raise ScenarioError(f"--sections {sections}: the host switches section {used}; specify at least {used}")
+    count = sections or used
     motion = implement_motion(signals, outline_of(scenario, width).behind, np.zeros(len(signals["t"])))
     origin = Origin(guidance.origin_lat_deg, guidance.origin_lon_deg)
     places = geodetic_points(origin, np.column_stack([motion.x, motion.y]))
@@ -190,8 +193,16 @@ class WorkComparison(NamedTuple):
 
 
 def comparison(field: Field, strips: list[BaseGeometry], passes: list[BaseGeometry]) -> WorkComparison:
-    """Return the comparison of the recorded strips with the true passes on a field."""
+    """Return the comparison of the recorded strips with the true passes on a field. Raise `ScenarioError` if all strips
+    or all passes are outside the field."""
     whole = whole_of(field)
+    for what, fix, parts in (
+        (f"the work in {SECTIONS}", "specify the folder in which this work was recorded", strips),
+        ("the work of the run", "compare the StartFix in Field.txt with the origin of the run", passes),
+    ):
+        away = min((each.distance(whole) for each in parts), default=0.0)
+        if away > 0.0:
+            raise ScenarioError(f"{field.name}: {what} is {away:.0f} m away from the field; {fix}")
     return WorkComparison(coverage(whole, whole, passes), coverage(whole, whole, strips))
 
 

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import shapely
 from field_shapes import FIELDS, HOLE, L_SHAPE, RECTANGLE, SLANTED, default_plan, machine
 from shapely import Polygon, box
 
@@ -23,11 +24,11 @@ from agrobot_mj.extensions.fields.plan import MAX_BYTES, plan_of, to_json
 from agrobot_mj.extensions.fields.plan_path import FieldPlan
 from agrobot_mj.extensions.fields.planned import planned_coverage
 from agrobot_mj.extensions.fields.planner import planning
-from agrobot_mj.extensions.fields.planner.area import SWING_M, TOLERANCE_M, area_of, body_of, whole_of
+from agrobot_mj.extensions.fields.planner.area import ENTERED_M, SWING_M, TOLERANCE_M, area_of, body_of, whole_of
 from agrobot_mj.extensions.fields.planner.joins import _turns, depth_of_turn, join
 from agrobot_mj.extensions.fields.planner.leaving import Leaving, leaving
 from agrobot_mj.extensions.fields.planner.planning import Options, make_plan
-from agrobot_mj.extensions.fields.planner.rig import outline_of, rig_of, tractor_poses
+from agrobot_mj.extensions.fields.planner.rig import BAR_M, outline_of, rig_of, tractor_boxes, tractor_poses
 from agrobot_mj.extensions.fields.planner.swaths import SwathFrame
 from agrobot_mj.extensions.fields.planner.words import end_of
 from agrobot_mj.paths.arc import Pose
@@ -184,13 +185,36 @@ def test_plan_with_headlands_around_a_hole_stays_inside_the_field():
     assert not any("leaves the field by up to 1" in warning for warning in plan.warnings)
 
 
+@pytest.mark.parametrize("obstacle", [box(-0.3, -0.3, 0.3, 0.3), box(-0.1, -30.0, 0.1, 30.0)])
+def test_obstacle_between_the_corners_of_the_tractor_is_an_excursion(obstacle):
+    rig, field = machine(), Field("pole", box(-40, -30, 40, 31).difference(obstacle))
+    outside = area_of(field, 0, rig).outside(np.array([0.0, 15.0]), np.zeros(2), np.zeros(2))
+    assert outside[:, 0] == pytest.approx([ENTERED_M, 0.0])
+    assert outside[:, 1] == pytest.approx([0.0, 0.0])
+
+
+def test_obstacle_below_the_middle_of_the_implement_is_an_excursion():
+    """The edges of the implement outline are 0.4 m inside the obstacle, whose length is 1 m."""
+    rig = machine()
+    field = Field("pole", box(-40, -30, 40, 30).difference(box(-0.5, -0.5, 0.5, 0.5)))
+    x = np.array([rig.behind])
+    assert area_of(field, 0, rig).outside(x, np.zeros(1), np.zeros(1))[1] == pytest.approx(0.5 - BAR_M)
+
+
+def test_connections_of_a_plan_do_not_cross_a_narrow_obstacle():
+    rig, pole = machine(), box(45.0, 40.0, 45.6, 40.6)
+    plan = make_plan(Field("pole", box(0, 0, 90, 80).difference(pole)), rig, Options())
+    outlines = tractor_boxes(rig, *driven_poses(rig, plan.course))
+    assert not shapely.intersects(outlines, pole).any()
+
+
 def test_headland_lap_too_narrow_for_the_turn_radius_is_rejected():
     with pytest.raises(ScenarioError, match="--headlands 3: lap 3"):
         make_plan(RECTANGLE, machine(width=7.4), Options(headlands=3))
 
 
 @pytest.mark.parametrize(
-    ("notch", "unfilled_m2", "missed_m2"), [(box(74.5, 0, 75.5, 60), 2100, 950), (box(38, 0, 42, 60), 1200, 650)]
+    ("notch", "unfilled_m2", "missed_m2"), [(box(74.5, 0, 75.5, 60), 2100, 1000), (box(38, 0, 42, 60), 1200, 650)]
 )
 def test_parts_of_the_headland_that_laps_omit_get_swaths(notch, unfilled_m2, missed_m2, monkeypatch):
     """Beside a notch, laps may have no space for a bend."""

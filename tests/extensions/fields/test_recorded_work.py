@@ -10,7 +10,7 @@ pytest.importorskip("shapely")
 
 from linked import COLOUR, START, farm, linked_run, strip_rows
 from removed import is_there
-from shapely import Polygon, box
+from shapely import Polygon, affinity, box
 
 from agrobot_mj.core.agopengps.messages import SteerData
 from agrobot_mj.core.agopengps.wire import encode
@@ -58,6 +58,13 @@ def test_strip_in_a_tight_bend_counts_its_own_overlap_once(tmp_path):
 def test_odd_number_of_points_ends_with_a_triangle(tmp_path):
     (area,) = recorded_strips(sections_file(tmp_path, strip_rows([(0, 1), (0, 0), (2, 1), (2, 0), (3, 1)])))
     assert area.equals(Polygon([(0, 1), (0, 0), (2, 0), (3, 1)]))
+
+
+def test_strip_along_its_own_front_has_no_line_as_a_part(tmp_path):
+    """The first quadrilateral has no area, because both edges move along the line between them."""
+    points = [(0, 1), (0, 0), (0, 3), (0, 2), (2, 1), (2, 0)]
+    (area,) = recorded_strips(sections_file(tmp_path, strip_rows(points)))
+    assert area.equals(Polygon([(0, 3), (2, 1), (2, 0), (0, 2)]))
 
 
 def test_decimal_commas_and_other_lines_of_recorded_work_are_read(tmp_path):
@@ -158,6 +165,27 @@ def test_host_without_section_states_works_while_it_steers(driven, tmp_path):
     t, x, _ = positions(driven)
     assert sum(each.area for each in found.passes) == pytest.approx(WIDTH * (x[-1] - x[0]), rel=0.02)
     assert found.notes == ("the host sent no section states, so all sections are counted as on while the host steers",)
+
+
+def test_a_number_of_sections_below_the_highest_in_use_is_rejected(driven):
+    with pytest.raises(ScenarioError, match=r"^--sections 1: the host switches section 2; specify at least 2$"):
+        work_of_run(driven / "run", START, WIDTH, 1)
+
+
+def test_work_outside_the_field_is_rejected_with_its_distance():
+    field, inside, outside = Field("home", box(0, 0, 100, 6)), box(0, 0, 50, 3), box(150, 0, 200, 3)
+    with pytest.raises(ScenarioError, match=r"^home: the work in Sections\.txt is 50 m away from the field; specify"):
+        comparison(field, [outside], [inside])
+    with pytest.raises(ScenarioError, match=r"^home: the work of the run is 50 m away from the field; compare"):
+        comparison(field, [inside], [outside])
+    assert comparison(field, [inside, outside], []).numbers()["recorded_only_m2"] == pytest.approx(150)
+
+
+def test_rounding_does_not_cause_a_negative_overlap():
+    """Each pass is a turned strip, so that the sum of the areas and the area of the union differ by rounding."""
+    passes = [affinity.rotate(box(0, 3 * k, 50, 3 * k + 3), 0.1, origin=(0, 0)) for k in range(9)]
+    found = comparison(Field("home", box(-5, -5, 60, 40)), passes, passes).numbers()["areas"]["true"]
+    assert 0.0 <= found["overlapped_m2"] < 1e-9
 
 
 def test_field_compare_rejects_other_folders_with_the_fix(driven, call, tmp_path):

@@ -22,6 +22,10 @@ SWING_M = 0.3
 THIN, LEAST_PART = 0.3, 2.0
 """Half of the minimum width, divided by the working width, and minimum area, divided by the square of the working
 width, of a part of the headland that gets swaths [-]. Assumed values."""
+ENTERED_M = 0.2
+"""Maximum distance that counts for a boundary between the corners of an outline [m]. Assumed value: wider margins
+would leave more of the field without work."""
+SIDE_STEP_M = 0.1  # Maximum distance between the checked points of outlines, and of the boundary inside outlines [m]
 GRID_M = 1e-4  # Grid to which areas are rounded, because GEOS cannot intersect some areas exactly [m]
 BLOCK = 4096  # Number of poses that are checked at a time, to limit memory usage
 
@@ -42,6 +46,13 @@ class Area:
         allowed = self.whole.buffer(TOLERANCE_M)
         shapely.prepare(allowed)
         return allowed
+
+    @cached_property
+    def _sides(self) -> shapely.STRtree:
+        """Straight sides of the boundary and of the obstacles."""
+        lines = [shapely.get_coordinates(ring) for ring in shapely.get_parts(shapely.boundary(self.whole))]
+        ends = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
+        return shapely.STRtree(shapely.linestrings(ends))
 
     @cached_property
     def _inner_body(self) -> BaseGeometry:
@@ -68,7 +79,8 @@ class Area:
         return shapely.union_all([part for part in shapely.get_parts(wide) if part.area > least])
 
     def outside(self, x: Array, y: Array, yaw: Array) -> Array:
-        """Return the distances of tractor and implement beyond the boundary for n CG poses, shape (2, n) [m]."""
+        """Return the distances of tractor and implement beyond the boundary for n CG poses, shape (2, n) [m]. Obstacles
+        between the corners of their outlines count."""
         found = np.zeros((2, len(x)))
         for first in range(0, len(x), BLOCK):
             block = slice(first, first + BLOCK)
@@ -81,8 +93,26 @@ class Area:
         boxes = np.stack([tractor_boxes(self.rig, x, y, yaw), implement_boxes(self.rig, *bar)])
         out = ~shapely.covers(self._allowed, boxes)
         found = np.zeros(boxes.shape)
-        corners = shapely.get_coordinates(boxes[out]).reshape(-1, 5, 2)
-        found[out] = shapely.distance(shapely.points(corners), self.whole).max(axis=1)
+        outer = boxes[out]
+        corners = shapely.get_coordinates(outer).reshape(-1, 5, 2)
+        depths = shapely.distance(shapely.points(corners), self.whole).max(axis=1)
+        between = np.flatnonzero(depths <= TOLERANCE_M)  # the boundary is between the corners
+        depths[between] = self._entered(outer[between])
+        found[out] = depths
+        return found
+
+    def _entered(self, boxes: Array) -> Array:
+        """Return the maximum distance by which the boundary, for example of an obstacle, is inside n outlines, at most
+        `ENTERED_M`, or by which the outlines are beyond the boundary, shape (n,) [m]."""
+        found = np.zeros(len(boxes))
+        rows, sides = self._sides.query(boxes, "intersects")
+        inside = shapely.segmentize(shapely.intersection(self._sides.geometries[sides], boxes[rows]), SIDE_STEP_M)
+        outlines = shapely.get_exterior_ring(boxes)
+        points, of = shapely.get_coordinates(inside, return_index=True)
+        depths = shapely.distance(shapely.points(points), outlines[rows[of]])
+        np.maximum.at(found, rows[of], np.minimum(depths, ENTERED_M))
+        points, of = shapely.get_coordinates(shapely.segmentize(outlines, SIDE_STEP_M), return_index=True)
+        np.maximum.at(found, of, shapely.distance(shapely.points(points), self.whole))
         return found
 
     def faults(self, start: Pose, pieces: tuple[Piece, ...]) -> tuple[float, float]:
