@@ -92,7 +92,8 @@ def _clean_line(shape: Polyline, closed: bool) -> tuple[Array, list[str]]:
         raise ValueError(f"the file has {len(points)} waypoints, but the limit is {MAX_ROWS}; remove some rows")
     notes = list[str]()
     if len(points) >= 3:
-        kept, notes = clean(points, closed)
+        reverses = any((shape.columns.get(name, np.zeros(1)) < 0).any() for name in ("direction", "speed"))
+        kept, notes = clean(points, closed, reverses)
         rows = np.asarray(shape.columns.get("row", np.arange(1, len(points) + 1)), float)[kept]
         points = points[kept]
         if "speed" in shape.columns:

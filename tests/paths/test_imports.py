@@ -330,7 +330,7 @@ def test_fold_back_is_omitted_with_one_sentence(back, step):
     assert (np.diff(x) > 0).all()
     assert x[-1] == track[-1, 0]
     assert (x.size < len(track), np.diff(x).max()) == (True, pytest.approx(step, abs=step))
-    assert notes[-1].endswith(" points at a fold-back of at most 3 m are omitted")
+    assert notes[-1].endswith(" omitted at a fold-back of at most 3 m")
     assert len([note for note in notes if "repeated" not in note]) == 1
 
 
@@ -341,6 +341,16 @@ def test_longer_reversing_and_reversing_into_a_new_direction_are_kept(tmp_path, 
     rows = "\n".join(f"{x:.3f},{y:.3f}" for x, y in track)
     (tmp_path / "track.csv").write_text(f"x,y\n{rows}\n", encoding="utf-8")
     with pytest.raises(ValueError, match="turns back by"):
+        Waypoints(file=str(tmp_path / "track.csv")).check()
+
+
+@pytest.mark.parametrize("column", ["direction", "speed"])
+def test_reverse_driving_in_a_column_is_no_fold_back(tmp_path, column):
+    track = track_with_reverse(2.0)
+    values = np.where(np.append(np.diff(track[:, 0]), 1.0) < 0, -1.0, 1.0)
+    rows = "\n".join(f"{x:.3f},{y:.3f},{value:g}" for (x, y), value in zip(track, values, strict=True))
+    (tmp_path / "track.csv").write_text(f"x,y,{column}\n{rows}\n", encoding="utf-8")
+    with pytest.raises(ValueError, match=r"turns back by|speed is -1 m/s"):
         Waypoints(file=str(tmp_path / "track.csv")).check()
 
 

@@ -27,15 +27,16 @@ MOST_OUTLIERS, FEWEST_POINTS = 3, 5
 """Maximum number of outliers in a file, and minimum number of points for the detection of outliers."""
 
 
-def clean(points: Array, closed: bool = False) -> tuple[Index, list[str]]:
+def clean(points: Array, closed: bool = False, reverses: bool = False) -> tuple[Index, list[str]]:
     """Return the indices of the kept points, shape (m,), and sentences that describe the removed points.
 
-    `points` has shape (n, 2) [m]. The last point of a closed track is joined to the first point.
+    `points` has shape (n, 2) [m]. The last point of a closed track is joined to the first point. If the file states
+    that the track `reverses`, fold-backs are kept.
     """
     notes, kept = list[str](), distinct(points)
     if repeated := len(points) - len(kept):
         notes.append(f"{repeated} repeated {'point is' if repeated == 1 else 'points are'} omitted")
-    folds, rest = (0, kept) if _is_noisy(points[kept]) else _without_folds(points, kept)
+    folds, rest = (0, kept) if reverses or _is_noisy(points[kept]) else _without_folds(points, kept)
     if not folds and (turns := len(_turning_back(points[kept]))):
         for distance in THINNINGS_M:
             thin = kept[space_out(points[kept], distance, closed)]
@@ -46,10 +47,12 @@ def clean(points: Array, closed: bool = False) -> tuple[Index, list[str]]:
                 )
                 kept = thin
                 break
-        folds, rest = _without_folds(points, kept)
+        folds, rest = (0, kept) if reverses else _without_folds(points, kept)
     if folds:
         places = "a fold-back" if folds == 1 else f"{folds} fold-backs"
-        notes.append(f"{len(kept) - len(rest)} points at {places} of at most {FOLD_M:g} m are omitted")
+        count = len(kept) - len(rest)
+        omitted = "1 point is omitted" if count == 1 else f"{count} points are omitted"
+        notes.append(f"{omitted} at {places} of at most {FOLD_M:g} m")
     return rest, notes
 
 
