@@ -36,7 +36,7 @@ def list_(
 def explain(
     key: Annotated[str, typer.Argument(metavar="[KEY]", help="A dotted key, e.g. plant.tyre.kind.")] = "",
 ) -> None:
-    """Explain a scenario key: unit, default, range, kinds, source.
+    """Explain a scenario key: unit, default, range, kinds.
 
     A word that is not a key is searched for in the names of keys, then in their descriptions.
     """

@@ -58,9 +58,9 @@ def field_compare(
     out: Out = None,
     quiet: Quiet = False,
 ) -> Answer:
-    """Compare the worked area recorded by AgOpenGPS with the true worked area of a link run.
+    """Compare the worked area in AgOpenGPS with the true area.
 
-    Reads Sections.txt, prints the areas and writes recorded.json and recorded.png.
+    The true area is that of a run of the command link. Reads Sections.txt, prints the areas and writes recorded.json and recorded.png.
     """
     from agrobot_mj.core.errors import ScenarioError, import_extra
 

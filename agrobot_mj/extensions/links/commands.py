@@ -57,7 +57,7 @@ def link(
     live: Live = False,
     quiet: Quiet = False,
 ) -> Answer:
-    """Run with a guidance program of the AgOpenGPS family over UDP.
+    """Run with a program of the AgOpenGPS family over UDP.
 
     The tractor acts as steer module, GNSS receiver and inertial unit. Writes link.parquet and the files of a run.
     """

@@ -60,7 +60,7 @@ def limit(
     out: Out = None,
     quiet: Quiet = False,
 ) -> Answer:
-    """Search for the value of a key at which a law begins to fail.
+    """Search for the value of a key at which a law fails.
 
     Example of a CONDITION: "lateral_rms > 0.3 or outcome != completed". Writes limit.json and limit.png. The same
     command resumes an interrupted search.
