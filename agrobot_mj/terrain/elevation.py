@@ -140,7 +140,8 @@ def _fit(origin: Origin, rows: Array, damaged: int) -> Elevation:
 
 
 def interpolate(points: Array, heights: Array) -> tuple[Ground, "np.ndarray[Any, np.dtype[np.bool_]]"]:
-    """Return the ground through points of shape (n, 2) [m] with `heights` [m], and which points are no outliers."""
+    """Fit the ground to points of shape (n, 2) [m] with `heights` [m]. Return the ground, and a mask (n,) that is False
+    for outliers."""
     surface, good = _surface(points, heights)
     low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
     cell = max(CELL_M, sqrt(float(np.prod(high - low)) / MOST_CELLS))
@@ -186,7 +187,8 @@ class _Spline(NamedTuple):
 
 
 def _surface(points: Array, heights: Array) -> tuple[_Spline, "np.ndarray[Any, np.dtype[np.bool_]]"]:
-    """Return the spline through points of shape (n, 2) [m], and which points are no outliers, shape (n,)."""
+    """Fit a spline to `heights` [m] at points of shape (n, 2) [m]. Return the spline, and a mask (n,) that is False for
+    outliers."""
     middle = float(np.median(heights))
     places, values = _cell_medians(points, heights - middle)
     low, high = points.min(axis=0) - MARGIN_M - KNOT_M, points.max(axis=0) + MARGIN_M + KNOT_M

@@ -90,14 +90,13 @@ def side_of(east: float, north: float, field: BaseGeometry) -> str:
 def excursion(outlines: Mapping[str, Array], field: BaseGeometry) -> dict[str, Any]:
     """Return the maximum distance [m], area [m2] and location of excursions beyond the boundary of `field`, by name.
 
-    `outlines` contains arrays of polygons (n,) by name, for example the outlines of the tractor during a run.
+    `outlines` contains arrays of polygons (n,) by name that are not entirely inside the field, for example outlines of
+    the tractor during a run.
     """
-    shapely.prepare(field)
     return {name: _excursion(boxes, field) for name, boxes in outlines.items()}
 
 
-def _excursion(boxes: Array, field: BaseGeometry) -> dict[str, Any]:
-    out = boxes[~shapely.covers(field, boxes)]
+def _excursion(out: Array, field: BaseGeometry) -> dict[str, Any]:
     if not len(out):
         return {"largest_m": 0.0, "area_m2": 0.0}
     corners = shapely.points(shapely.get_coordinates(out))

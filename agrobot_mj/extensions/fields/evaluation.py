@@ -21,6 +21,7 @@ from agrobot_mj.extensions.fields.operations import WorkedPass, capacity, pass_t
 from agrobot_mj.extensions.fields.plan import Plan, PlannedPass
 from agrobot_mj.extensions.fields.plan_path import FieldPlan
 from agrobot_mj.extensions.fields.planned import planned_coverage, planned_motion
+from agrobot_mj.extensions.fields.planner.area import BLOCK
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine, implement_boxes, tractor_boxes
 from agrobot_mj.extensions.fields.raster import PassMap, pass_map
 from agrobot_mj.metrics import RunView
@@ -29,8 +30,7 @@ from agrobot_mj.paths.track import Index
 from agrobot_mj.simulation.log import Log
 
 SIGNALS = ("t", "x", "y", "yaw", "implement_x", "implement_y", "hitch_angle")
-"""Signals of a run from which the trajectory of the implement follows."""
-BLOCK = 4096  # Number of outlines that are evaluated at a time, to limit memory usage
+"""Names of the signals of a run that determine the trajectory of the implement."""
 AROUND_M = 5.0
 """Distance before and after a pass in which the sections of the implement may be switched [m]."""
 

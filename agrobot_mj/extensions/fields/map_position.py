@@ -33,16 +33,15 @@ def with_terrain(field: Field, overrides: Mapping[str, Any]) -> tuple[dict[str, 
     if field.elevation is not None and not level and not given.keys() & {"terrain", KIND, FILE}:
         return _with_recorded_heights(field, given, field.elevation.absolute())
     file = given.get(FILE)
-    if (
-        not isinstance(file, str)
-        or ORIGIN in given
-        or Path(file).suffix.lower() not in (".tif", ".tiff", ".asc", ".txt")
-    ):
+    if not isinstance(file, str) or ORIGIN in given:
+        return given, ""
+    suffix = Path(file).suffix.lower()
+    if suffix == ".txt":
+        return _in_local_plane(field, given, file), ""
+    if suffix not in (".tif", ".tiff", ".asc"):
         return given, ""
     name, system = Path(file).name, field.crs if field.crs != DEGREES else ""
-    if Path(file).suffix.lower() == ".txt":
-        return _in_local_plane(field, given, file), ""
-    if not system and Path(file).suffix.lower() != ".asc":
+    if not system and suffix != ".asc":
         try:
             system = map_system(Path(file))
         except (ValueError, OSError):

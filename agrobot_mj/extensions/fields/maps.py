@@ -122,7 +122,7 @@ def _json_text(content: Any) -> str:
 def _shapes(
     field: BaseGeometry, plan: Plan, found: FieldCoverage | None
 ) -> Iterator[tuple[BaseGeometry, dict[str, Any]]]:
-    """Yield the shapes of a map with their properties."""
+    """Yield the shapes of a field, its plan and its coverage, each with its GeoJSON properties."""
     yield field, {"kind": "field", "name": plan.name}
     for number, (kind, points) in enumerate(_lines(plan)):
         yield shapely.LineString(points), {"kind": kind, "number": number}

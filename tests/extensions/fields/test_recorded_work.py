@@ -55,7 +55,7 @@ def test_strip_in_a_tight_bend_counts_its_own_overlap_once(tmp_path):
     assert area.is_valid
 
 
-def test_odd_number_of_points_ends_with_a_triangle(tmp_path):
+def test_strip_with_an_odd_number_of_points_ends_with_a_triangle(tmp_path):
     (area,) = recorded_strips(sections_file(tmp_path, strip_rows([(0, 1), (0, 0), (2, 1), (2, 0), (3, 1)])))
     assert area.equals(Polygon([(0, 1), (0, 0), (2, 0), (3, 1)]))
 

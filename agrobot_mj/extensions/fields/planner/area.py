@@ -27,7 +27,7 @@ ENTERED_M = 0.2
 would leave more of the field without work."""
 SIDE_STEP_M = 0.1  # Maximum distance between the checked points of outlines, and of the boundary inside outlines [m]
 GRID_M = 1e-4  # Grid to which areas are rounded, because GEOS cannot intersect some areas exactly [m]
-BLOCK = 4096  # Number of poses that are checked at a time, to limit memory usage
+BLOCK = 4096  # Number of poses whose outlines are computed at a time, to limit memory usage
 
 
 @dataclass(frozen=True)

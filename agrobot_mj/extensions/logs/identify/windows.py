@@ -6,7 +6,7 @@ from math import inf, radians
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import butter, sosfilt, sosfilt_zi
+from scipy.signal import butter, sosfiltfilt
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.table_columns import FieldLogError
@@ -27,7 +27,6 @@ PLAY_CUT_OFF_HZ = (2.0, 8.0)
 PLAYING = radians(0.1)
 """Target noise of the filtered wheel angle at the input of the play model [rad]. Assumed value: with more noise, the
 wheels of the model would move within the play, which resembles soft tyres."""
-EDGE = 15  # Number of samples by which the low-pass filter of order 4 extends a series at each end
 SETTLE_S = 2.0  # Time omitted at the start of a segment [s], until the effects of initial state and play have decayed
 FIT_S = SETTLE_S + WINDOW_S  # Minimum duration of a segment for a fit [s]
 LEAST_SAMPLES = 11  # Minimum number of samples of a channel in a window, which follows from a rate of 2.5 Hz and `FULL`
@@ -136,24 +135,16 @@ def channels_of(recording: FieldRecording) -> dict[str, TimeSeries]:
 
 
 def low_pass(values: Array, cut_off: float) -> Array:
-    """Return `values` at the time steps of the model after a zero-phase low-pass filter at `cut_off` [Hz].
-
-    The filter equals `scipy.signal.sosfiltfilt`, which computes the steady state of the filter in each call.
-    """
-    sections, steady = _low_pass(cut_off)
-    before, after = 2 * values[0] - values[EDGE:0:-1], 2 * values[-1] - values[-2 : -EDGE - 2 : -1]
-    smooth: Array = np.concatenate([before, values, after])
-    for _ in range(2):  # forward, then backward in time
-        smooth = sosfilt(sections, smooth, zi=steady * smooth[0])[0][::-1]
-    return smooth[EDGE:-EDGE]
+    """Return `values` at the time steps of the model after a zero-phase low-pass filter at `cut_off` [Hz]."""
+    smooth: Array = sosfiltfilt(_low_pass(cut_off), values)
+    return smooth
 
 
 @cache
-def _low_pass(cut_off: float) -> tuple[Array, Array]:
-    """Return a low-pass filter at `cut_off` [Hz] for the time steps of the model, as second-order sections, and the
-    state of the sections for a constant input of one."""
+def _low_pass(cut_off: float) -> Array:
+    """Return a low-pass filter at `cut_off` [Hz] for the time steps of the model, as second-order sections."""
     sections: Array = butter(4, cut_off * 2 * STEP_S, output="sos")
-    return sections, sosfilt_zi(sections)
+    return sections
 
 
 def _piece(recording: FieldRecording, windows: slice, cut_off: float) -> FitPiece:
