@@ -231,7 +231,7 @@ def test_run_with_its_expected_outcome_gives_exit_status_0(call, undrawn):
     assert "left_terrain" in out
     status, _, err = call("run", "circle", *QUICK, *expected, "--out", "other")
     assert status == 1
-    assert "completed; expected_outcome is left_terrain" in err
+    assert re.fullmatch(r"circle: completed after [\d.]+ s; expected_outcome is left_terrain\n", err)
     assert (
         call("compare", "straight_line", "--controllers", "pd", "--plants", "bicycle", *off, *expected, "--out", "all")[
             0
@@ -258,6 +258,13 @@ def test_unexpected_outcome_gives_exit_status_1_and_keeps_the_files(call, outcom
     assert names("out") == FILES
     assert json.loads(Path("out/metrics.json").read_text())["outcome"] == outcome
     assert 1 <= pq.read_table("out/signals.parquet").num_rows < 400
+
+
+def test_message_about_an_unexpected_outcome_names_the_active_faults(call):
+    faults = "fault=[{kind='gnss_loss'}, {kind='gyro_bias', bias_deg_s=0.01}, {kind='gyro_stuck', start_s=1, end_s=2}]"
+    options = ("--no-rrd", "--set", "plant.kind=bicycle", "--set", "duration_s=20", "--set", faults)
+    said = call("run", "circle", *options, "--out", "out")[2].splitlines()[-1]
+    assert re.search(r"stopped after [\d.]+ s during gnss_loss, gyro_bias \(no GNSS fix for", said)
 
 
 @pytest.mark.usefixtures("single_ticks")
@@ -563,3 +570,18 @@ def test_invalid_number_of_an_option_is_quoted_in_the_message(call, value, probl
     status, _, said = call("compare", "circle", "--seeds", value)
     assert status == 2
     assert f"Invalid value for '--seeds': must be {problem}" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name", "meaning"),
+    [
+        (("run",), "argument 'SCENARIO'", "Name from `agrobot-mj list`"),
+        (("limit", "circle"), "option '--key KEY'", "e.g. terrain.grade_deg"),
+        (("risk", "circle"), "option '--until CONDITION'", "e.g. 'xte_rms > 0.3'"),
+    ],
+)
+def test_message_about_a_missing_option_states_its_meaning(call, arguments, name, meaning):
+    status, _, said = call(*arguments)
+    assert status == 2
+    assert f"Missing {name}. " in said
+    assert meaning in said

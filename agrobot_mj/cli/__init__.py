@@ -20,16 +20,20 @@ import re
 import sys
 import traceback
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from agrobot_mj.cli.answers import FLAG, document
 from agrobot_mj.cli.app import app
 from agrobot_mj.cli.interrupts import interruptible
+from agrobot_mj.cli.options import overrides
 from agrobot_mj.cli.output import say
 from agrobot_mj.cli.panels import split_command
 from agrobot_mj.core.errors import ScenarioError, missing_extra, shorten_lines
+
+if TYPE_CHECKING:
+    from agrobot_mj.core.walk import Key
 
 __all__ = ["app", "main"]
 
@@ -100,12 +104,17 @@ def _exit_status_and_message() -> tuple[int, str]:
     except USAGE_ERROR as error:  # for example an unknown option
         if hint := suggest_option(error):
             error.possibilities = None  # suggestions of merely similar options
+            error.message += f"; {hint}"
+        if (parameter := getattr(error, "param", None)) and not error.message:  # a missing argument or option
+            error.message = parameter.help or ""
+            if parameter.metavar and (name := parameter.opts[0]).startswith("-"):
+                error.param_hint = repr(f"{name} {parameter.metavar}")
         if invalid := getattr(error.__cause__, "errors", None):  # a pydantic.ValidationError
             from agrobot_mj.core.messages import fault
 
             error.message = "; ".join(fault(each) for each in invalid())
         error.show(shown := io.StringIO())
-        return 2, "\n".join([shown.getvalue().rstrip("\n"), *([hint] if hint else [])])
+        return 2, shown.getvalue().rstrip("\n")
     except SystemExit as leaving:
         status = leaving.code
     except (KeyboardInterrupt, typer.Abort):
@@ -137,7 +146,10 @@ OTHER_WORDS = {"law": "guidance", "laws": "guidance"}
 
 
 def suggest_option(error: Any) -> str:
-    """Return a suggestion that ends the message of a usage error, such as `use --set seed=3`, or an empty string."""
+    """Return a suggestion that ends the message of a usage error, such as `use --set seed=3`, or an empty string.
+
+    If the suggested key does not accept the value on the command line, a second line states the reason.
+    """
     if (context := error.ctx) is None:
         return ""
     options = _options(context.command)
@@ -153,12 +165,14 @@ def _for_option(flag: str, options: set[str], context: Any) -> str:
     word = flag.lstrip("-").replace("-", "_")
     if (other := OTHER_NAMES.get(word)) in options:
         return f"use {other}"
-    key, value = _key(OTHER_WORDS.get(word, word)), _value(flag)
+    key, value, reason = _key(OTHER_WORDS.get(word, word)), _value(flag), ""
+    if key and value != "..." and (rejection := _rejection(key, value)):
+        value, reason = "...", f"\n{rejection}"
     if key and "--set" in options:
-        return f"use --set {key}={value}"
+        return f"use --set {key.dotted}={value}{reason}"
     if context.command.name == "sweep" and (key or word in ("set", "seeds")):
-        place = f"{word} = {value}" if word == "seeds" else f'"{key}" = {_as_toml(value)}' if key else "its keys"
-        return f"add {place} to the sweep file{'' if word == 'seeds' else ', table [set]'}"
+        place = f"{word} = {value}" if word == "seeds" else f'"{key.dotted}" = {_as_toml(value)}' if key else "its keys"
+        return f"add {place} to the sweep file{'' if word == 'seeds' else ', table [set]'}{reason}"
     commands = context.parent.command.commands if context.parent else {}
     having = [name for name, command in commands.items() if flag in _options(command)]
     return f"{flag} is an option of {', '.join(having)}" if having else ""
@@ -181,8 +195,8 @@ def _as_toml(value: str) -> str:
     return value if re.fullmatch(r"[+-]?\d[\d.e+-]*|true|false|\.\.\.", value) else f'"{value}"'
 
 
-def _key(word: str) -> str:
-    """Return the scenario key `word`, with or without unit, or the key `kind` of the table `word`; "" if none
+def _key(word: str) -> "Key | None":
+    """Return the scenario key `word`, with or without unit, or the key `kind` of the table `word`; None if neither
     exists."""
     from agrobot_mj.core.spec import members
     from agrobot_mj.core.walk import keys
@@ -190,10 +204,29 @@ def _key(word: str) -> str:
 
     found = list(keys(Scenario))
     named = [
-        key.dotted
+        key
         for key in found
         if key.name == word or key.name.startswith(f"{word}_")
         if not members(key.owner.model_fields[key.name].annotation)
     ]
-    tables = [f"{key.dotted}.kind" for key in found if key.name in (word, word.removesuffix("s")) and key.kinds]
-    return min(tables or named, key=lambda dotted: dotted.count("."), default="")
+    tables = [
+        key._replace(dotted=f"{key.dotted}.kind", name=f"{key.name}.kind")
+        for key in found
+        if key.name in (word, word.removesuffix("s")) and key.kinds
+    ]
+    return min(tables or named, key=lambda key: key.dotted.count("."), default=None)
+
+
+def _rejection(key: "Key", value: str) -> str:
+    """Return the reason why a key does not accept a value on the command line, or an empty string."""
+    from agrobot_mj.scenario.overrides import read_spec
+
+    table, dot, kind = key.name.partition(".")
+    given = overrides([f"{kind or table}={value}"])
+    try:
+        read_spec(key.owner, {table: given} if dot else given, "")
+    except ScenarioError as error:
+        start = f": {key.name}: "
+        lines = [line.removeprefix(start) for line in str(error).splitlines() if line.startswith(start)]
+        return f"{key.dotted}: {lines[0]}" if lines else ""
+    return ""

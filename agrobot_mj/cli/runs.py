@@ -100,9 +100,11 @@ def _outcome_warning(log: "Log") -> str:
     if log.as_expected:
         return ""
     s, t = log.scenario, log.column("t")
+    end = t[-1] if len(t) else 0.0
+    faults = ", ".join(dict.fromkeys(fault.kind for fault in s.fault if fault.active(end)))
+    during = f" during {faults}" if faults else ""
     why = f" ({log.metrics['stop_reason']})" if "stop_reason" in log.metrics else ""
-    ended = f"ended after {t[-1] if len(t) else 0.0:.2f} s: {log.outcome}{why}"
-    return f"{s.name}: {ended}; expected_outcome is {s.expectation}"
+    return f"{s.name}: {log.outcome} after {end:.2f} s{during}{why}; expected_outcome is {s.expectation}"
 
 
 def compare(

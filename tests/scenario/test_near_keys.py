@@ -85,6 +85,7 @@ def test_suggested_key_of_another_terrain_kind_names_that_kind():
         (("compare", "circle", "--laws", "lqr"), "use --guidance"),
         (("run", "circle", "--law", "lqr"), "use --set guidance.kind=lqr"),
         (("run", "circle", "--plants", "a b"), "use --set plant.kind=..."),
+        (("run", "circle", "--guidance", "lqr"), "use --set guidance.kind=lqr"),
         (("run", "circle", "--jobs", "3"), "--jobs is an option of compare, sweep, limit, risk, falsify, tune"),
         (("sweep", "validity", "--seeds", "3"), "add seeds = 3 to the sweep file"),
         (("sweep", "validity", "--guidance", "lqr"), 'add "guidance.kind" = "lqr" to the sweep file, table [set]'),
@@ -95,7 +96,22 @@ def test_suggested_key_of_another_terrain_kind_names_that_kind():
 def test_error_for_an_unknown_option_suggests_the_closest_option(call, arguments, hint):
     status, _, err = call(*arguments)
     assert status == 2
-    assert err.splitlines()[-1] == hint
+    assert err.splitlines()[-1].endswith(f"; {hint}")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "hint", "reason"),
+    [
+        (("run", "circle", "--seed", "x"), "use --set seed=...", "seed: must be a whole number, got 'x'"),
+        (("run", "circle", "--speed", "50"), "use --set path.speed_m_s=...", "path.speed_m_s: must be at most"),
+        (("run", "circle", "--guidance=pid"), "use --set guidance.kind=...", "guidance.kind: unknown kind 'pid'"),
+        (("sweep", "validity", "--seed", "x"), 'add "seed" = ... to the sweep file', "seed: must be a whole number"),
+    ],
+)
+def test_suggested_key_for_an_unknown_option_names_its_accepted_values(call, arguments, hint, reason):
+    *_, error, last = call(*arguments)[2].splitlines()
+    assert f"; {hint}" in error
+    assert last.startswith(reason)
 
 
 @pytest.mark.parametrize("arguments", [("run", "circle", "lqr"), ("run", "circle", "--qqq"), ("run",)])

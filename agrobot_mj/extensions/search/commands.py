@@ -31,14 +31,14 @@ if TYPE_CHECKING:
     from agrobot_mj.extensions.search.risk.population import Population
 
 
-Until = Annotated[str, typer.Option(metavar="CONDITION", help="Condition for a failed run.")]
+Until = Annotated[str, typer.Option(metavar="CONDITION", help="Failure condition, e.g. 'xte_rms > 0.3'.")]
 
 
 def limit(
     source: Source,
     key: Annotated[str, typer.Option(metavar="KEY", help="Dotted key to vary, e.g. terrain.grade_deg.")],
     range_: Annotated[
-        str, typer.Option("--range", metavar="A:B", help="Range from A, where laws should succeed, to B.")
+        str, typer.Option("--range", metavar="A:B", help="Range from a value A, where the law succeeds, to B.")
     ],
     until: Until,
     guidance: Annotated[

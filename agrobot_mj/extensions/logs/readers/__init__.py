@@ -97,8 +97,9 @@ def _reason(head: Head) -> str:
         return "the file is a recording of a terminal screen; record the output of the receiver (gpspipe -r)"
     if CONTROL.search(head.data.decode(errors="replace")):
         return "the file is binary, of an unknown format; record NMEA, or convert it to CSV"
-    kinds = ", ".join(reader.kind for reader in READERS)
-    return f"the content matches no known format ({kinds}); export it as CSV in UTF-8 with a header line"
+    kinds = ", ".join(reader.kind for reader in READERS if not isinstance(reader, NmeaText))
+    nmea = "the start of the file contains no NMEA sentence with a valid checksum"
+    return f"{nmea} and matches no other known format ({kinds}); export the log as CSV in UTF-8 with a header line"
 
 
 def _head(path: Path) -> Head:

@@ -218,7 +218,10 @@ REASONS = {
     ),
     "GeoJSON": (b'{"type": "Point", "coordinates": [6.7, 52.3]}', "GeoJSON files contain no wheel angle and no speed"),
     "a field": (b"$Boundary\nFalse\n3\n1,2,0\n", "AgOpenGPS files contain no wheel angle and no speed"),
-    "JSON": (b'{"class": "TPV", "lat": 52.3, "lon": 6.7}\n' * 9, "the content matches no known format"),
+    "JSON": (
+        b'{"class": "TPV", "lat": 52.3, "lon": 6.7}\n' * 9,
+        "no NMEA sentence with a valid checksum and matches no other",
+    ),
     "a variometer": (
         b"$LXWP0,N,13.3,21.0,0.03,0.03,0.03,0.03,0.03,0.03,,,*6F\r\n",
         "contains no sentences with a time",

@@ -66,7 +66,7 @@ def test_no_reader_accepts_a_file_of_unknown_content(reader, tmp_path):
 
 def test_error_for_an_unknown_log_format_gives_a_remedy(tmp_path):
     (tmp_path / "x").write_bytes(b"north 7 east 8\n")
-    with pytest.raises(FieldLogError, match=r"x: the content matches no known format \(run, .*; export it as CSV"):
+    with pytest.raises(FieldLogError, match=r"x: .* matches no other known format \(run, .*; export the log as CSV"):
         open_log(tmp_path / "x")
     with pytest.raises(FieldLogError, match="no such file"):
         open_log(tmp_path / "y")
