@@ -124,7 +124,10 @@ def with_plugins(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def with_machine(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a command with the option `--machine` if it has overrides. The machine is applied before the overrides."""
+    """Return a command with the additional option `--machine`, or the same command if it has no option `--set`.
+
+    The machine is applied before the overrides of `--set`.
+    """
     if "sets" not in signature(command).parameters:
         return command
 
@@ -167,8 +170,8 @@ def seconds(text: str) -> list[float]:
 
 
 def results_folder(out: Path | None, default: str) -> Path:
-    """Return the results folder: `out` or a folder in `runs/` named after `default`. Raises an error if not
-    writable."""
+    """Return the results folder: `out` or a folder in `runs/` named after `default`. Raises an error if the folder
+    cannot be written."""
     if out is not None:
         utf8(str(out), "--out")
     folder = out if out is not None else Path("runs") / re.sub(r"[^\w.-]+", "_", default).lstrip(".")[-LONGEST_NAME:]

@@ -158,7 +158,7 @@ def _check_references(name: str, hint: Any, found: Any) -> None:
         for part, kind in zip(get_args(hint), found, strict=True):
             _check_references(name, part, kind)
     elif get_origin(hint) is Annotated and numba_type_of(hint).number != found.number:
-        raise TypeError(f"{name} must return a reference to {numba_type_of(hint).types[0]}, got {found.types[0]}")
+        raise TypeError(f"{name} must return a reference to {numba_type_of(hint).types[0]}, not to {found.types[0]}")
 
 
 def numba_type_of(hint: Any) -> types.Type:
@@ -250,10 +250,11 @@ def kernel_method(name: str) -> None:
 
 
 def _compiled(function: F, **options: object) -> F:
-    """Return a function that is compiled on its first call.
+    """Return `function` in two versions, each compiled on its first call: the returned version is called from Python,
+    and the other version from kernels.
 
-    Other kernels use a second version of the function without an interface to Python. The interface converts named
-    tuples with hundreds of numbers, and takes longer to compile than most functions.
+    The version for kernels has no interface to Python. The interface converts named tuples with hundreds of numbers,
+    and its compilation takes longer than the compilation of most functions.
     """
     compiled = _dispatcher(function, False, **options)
 

@@ -49,7 +49,9 @@ def reference_at(path: "ReferencePath", t: float) -> Reference:
         raise ScenarioError(f"the path ({kind}) returned a non-numeric reference: {one_line(found)}") from None
     if not finite:
         wrong = [f"reference.{name} is {value}" for name, value in found._asdict().items() if not isfinite(value)]
-        raise NotFiniteError(f"{(wrong or ['the sum overflows'])[0]}, returned by the path ({kind}) at t = {t:.2f} s")
+        raise NotFiniteError(
+            f"the path ({kind}) at t = {t:.2f} s: {(wrong or ['the sum of the reference values overflows'])[0]}"
+        )
     return found
 
 

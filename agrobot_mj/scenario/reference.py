@@ -169,7 +169,8 @@ Chosen = list[tuple[str, str]]  # Pairs of the dotted key of a table and the kin
 
 
 def _split_kinds(named: list[str]) -> tuple[list[str], Chosen]:
-    """Split a key such as `fault.gnss_drift.start_s` into the steps of the dotted key and the selected kinds."""
+    """Split a key into its names without kinds, and the kind of each table. For example, `fault.gnss_drift.start_s`
+    gives `fault`, `start_s`, and the kind `gnss_drift` of the table `fault`."""
     steps, chosen = list[str](), Chosen()
     for name in named:
         table = ".".join(steps)

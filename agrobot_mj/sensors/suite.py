@@ -181,7 +181,8 @@ class Suite:
     def immediate(
         self, state: SensorState, values: Held[Values], found: SensorReadings, sound: bool
     ) -> tuple[SensorState, Measurement]:
-        """Return new state and measurement of a tick without faults, GNSS latency and sensors outside `sense`."""
+        """Return new state and measurement of a tick from the results of `sense`, if no fault is active, the GNSS has
+        no latency, and all sensors are computed by `sense`."""
         (canopies, line, _, _), measured = state.delivery, self.measurement(found)
         if self.gnss.dual_antenna.enabled:
             line = SignalLine(found.heading)
@@ -190,7 +191,8 @@ class Suite:
         return after, measured
 
     def measurement(self, found: SensorReadings) -> Measurement:
-        """Return the measurement of a tick without faults and GNSS latency from the results of `sense`."""
+        """Return the measurement of a tick from the results of `sense`, if no fault is active and the GNSS has no
+        latency."""
         heading = wrap(found.heading) if self.gnss.dual_antenna.enabled else nan
         return _measurement(found.gnss[4], self._readings(found, GnssReading(Fix(*found.gnss, heading), Quality.FIX)))
 

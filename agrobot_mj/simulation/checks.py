@@ -73,7 +73,7 @@ class Numbers:
     def check(self, message: Any, maker: str) -> None:
         """Raise `NotFiniteError` for a number that is not finite, and `ScenarioError` for a value of another type.
 
-        Error messages name the stage `maker`, which returned the message.
+        Error texts name the stage `maker`, which returned the checked message.
         """
         if not isinstance(message, self._kind):
             kind = self._kind.__name__

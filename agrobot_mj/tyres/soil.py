@@ -1,12 +1,15 @@
 """Agricultural tyre on soil of a given cone index.
 
 Longitudinal forces follow [Brixius1987] (ASAE D497): gross traction and motion resistance from the mobility number B_n.
-Lateral forces follow [GeeCloughSommer1981]. W is the load [N], b the section width, d the diameter, h the section
-height, delta the deflection [m], CI the cone index [Pa].
+Lateral forces follow [GeeCloughSommer1981] and depend on the mobility number M. W is the load [N], b the section width
+[m], d the diameter [m], h the section height [m], delta the deflection [m], CI the cone index [Pa], s the slip [-] and
+alpha the slip angle [rad].
 
     B_n = (CI b d / W) (1 + 5 delta / h) / (1 + 3 b / d)
     gross traction / W = 0.88 (1 - exp(-0.1 B_n)) (1 - exp(-7.5 s)) + 0.04
     motion resistance / W = 1 / B_n + 0.04 + 0.5 s / sqrt(B_n)     (bias ply)
+    M = (CI b d / W) sqrt(delta / h) / (1 + b / (2 d))
+    lateral force / W = mu (1 - exp(-B alpha)), with mu and B as functions of M (see `lateral_shape`)
 
 The term 0.04 in both equations is the internal loss of the tyre, modelled as a rolling-resistance moment. The other
 terms of the motion resistance act at the wheel centre, against the motion. The slip s is relative to the faster of rim
@@ -16,7 +19,7 @@ s)^2 + (B alpha)^2 under combined slip. The force direction refers to fractions 
 Sinkage is not modelled.
 
 On soil softer than the range of the fits, the lateral peak would increase without bound while the traction vanishes.
-Below a mobility number M of `SOFTEST` the lateral force is therefore proportional to M.
+For M below `SOFTEST` the lateral force is therefore proportional to M.
 """
 
 from collections.abc import Iterator

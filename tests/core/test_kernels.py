@@ -284,7 +284,7 @@ def scaled_in(scaling: Scaling) -> float:
     return scaling.by * fetched(scaling.pair).numbers[1]
 
 
-def test_compiled_function_frees_a_state_referenced_by_a_named_tuple():
+def test_state_referenced_in_a_named_tuple_argument_is_freed():
     assert scaled_in(Scaling(held(Pair(2.0, np.array([1.0, 4.0]))), 3.0)) == 12.0
 
     def work():

@@ -57,7 +57,7 @@ def test_wide_tyre_without_a_size_code_has_a_rim_of_minimum_diameter():
 
 
 @pytest.mark.parametrize("keys", [{"rear_tyre": "9.5-16"}, {"axle_pivot_radii": 0.2}])
-def test_tyre_keys_defined_by_a_custom_body_are_rejected(keys):
+def test_tyre_keys_are_rejected_with_a_user_defined_mjcf_body(keys):
     with pytest.raises(ValidationError, match=f"omit {next(iter(keys))}"):
         TractorParameters(mjcf="own.xml", **keys)
 

@@ -345,7 +345,7 @@ def test_longer_reversing_and_reversing_into_a_new_direction_are_kept(tmp_path, 
 
 
 @pytest.mark.parametrize("column", ["direction", "speed"])
-def test_reverse_driving_in_a_column_is_no_fold_back(tmp_path, column):
+def test_reverse_driving_marked_in_a_track_file_is_rejected(tmp_path, column):
     track = track_with_reverse(2.0)
     values = np.where(np.append(np.diff(track[:, 0]), 1.0) < 0, -1.0, 1.0)
     rows = "\n".join(f"{x:.3f},{y:.3f},{value:g}" for (x, y), value in zip(track, values, strict=True))

@@ -130,7 +130,7 @@ def test_error_for_a_nan_path_reference_names_path_and_time():
             course = super().course()
             return course._replace(start=course.start._replace(y=nan))
 
-    with pytest.raises(NotFiniteError, match=r"reference.y is nan, returned by the path \(sinusoid\) at t = 1.00 s"):
+    with pytest.raises(NotFiniteError, match=r"the path \(sinusoid\) at t = 1.00 s: reference.y is nan"):
         references_at(Broken(), np.array([1.0]))
 
 

@@ -293,7 +293,7 @@ def test_physics_time_step_follows_from_the_physics_setting(changes, step):
     assert scenario.steps_per_tick == round(TICK_S / step)
 
 
-def test_physics_time_step_with_a_physics_setting_is_rejected():
+def test_physics_key_together_with_a_physics_time_step_is_rejected():
     message = refused("straight_line", {"physics": "fast", "physics_dt_s": 0.002})
     assert message.endswith("physics: 'fast' and physics_dt_s = 0.002 both set the step; omit one")
 

@@ -228,7 +228,7 @@ def test_path_whose_laps_are_not_pairs_of_finite_times_is_rejected(turns):
 @pytest.mark.parametrize("field", ["x", "y", "vx", "vy", "yaw", "curvature", "curvature_rate"])
 def test_non_finite_references_are_rejected_before_the_run(field, value, from_s):
     spoilt = Spoilt().model_copy(update={"field": field, "value": value, "from_s": from_s})
-    message = rf"reference.{field} is {value}, returned by the path \(spoilt\) at t = 0.[03]"
+    message = rf"the path \(spoilt\) at t = 0.[03]\d s: reference.{field} is {value}"
     with pytest.raises(ScenarioError, match=message):
         run(scenario(path=spoilt))
 

@@ -217,7 +217,8 @@ def read_plan(path: Path, field: Field, crs: str = "") -> tuple[tuple[Leg, ...],
 
 
 def _grid(file: ShapeFile, field: Field) -> str:
-    """Return the field's coordinate system if the plan has grid coordinates of an unnamed system, otherwise ""."""
+    """Return the coordinate system of `field` if the plan `file` has grid coordinates but does not name their
+    coordinate system, otherwise ""."""
     if file.crs or file.origin is not None or field.plane is None or field.crs in ("", "EPSG:4326"):
         return ""
     points = np.vstack([np.empty((0, 2)), *(shape.points for shape in file.shapes)])

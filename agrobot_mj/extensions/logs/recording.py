@@ -224,7 +224,7 @@ class _Reader(NamedTuple):
         jumps = len(found.t) - len(steady.t)
         if len(steady.t) < FEWEST:
             raise FieldLogError(
-                f"{self.name}: {jumps} of {len(found.t)} values of {c.column!r} turn faster than a machine; check "
+                f"{self.name}: {jumps} of {len(found.t)} values of {c.column!r} imply an impossible yaw rate; check "
                 "heading.unit and time.unit of the map, or remove [heading] from the map"
             )
         if jumps:

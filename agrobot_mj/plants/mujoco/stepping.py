@@ -184,7 +184,8 @@ def droop_rate(v: Views, oil: Oil, rate: float) -> float:
 
 @kernel
 def open_relief_valves(v: Views, oil: Oil) -> None:
-    """Limit the deflections of the oil columns by relief pressure and driving power, and the steering to its stops."""
+    """Limit the deflection of the steering oil column by its relief pressure and the steering stops, and the deflection
+    of the drive oil column by its relief pressure and the drive power."""
     angle = v.qpos[v.steer_q] + oil.steer_lead * v.qvel[v.steer_v]
     if oil.steer_play <= 0.0:
         low, high = angle - oil.steer_windup, angle + oil.steer_windup

@@ -66,7 +66,7 @@ def test_unknown_map_position_of_a_field_is_reported(tmp_path, plane, code):
 
 
 @pytest.mark.parametrize("given", [{}, {FILE: "dem.npy"}, {FILE: "dem.tif", ORIGIN: [1.0, 2.0]}, {FILE: "none.tif"}])
-def test_other_overrides_are_unchanged(given):
+def test_terrain_overrides_that_need_no_origin_are_unchanged(given):
     assert with_terrain(field(), given) == (given, "")
 
 

@@ -28,7 +28,7 @@ def test_steering_bias_causes_an_offset_without_the_observer() -> None:
 
 
 @pytest.mark.parametrize("law", LAWS, ids=["stanley", "lqr"])
-def test_estimated_disturbance_vanishes_on_a_path_without_bias(law: Eso) -> None:
+def test_estimated_disturbance_vanishes_without_a_steering_bias(law: Eso) -> None:
     d = drive(law, Bend(1.2, 0.1), 40.0)
     names = [column.name for column in law.columns]
     crab, curvature = (d.reports[-1][names.index(f"{key}_disturbance")] for key in ("heading", "curvature"))

@@ -55,7 +55,9 @@ def test_headings_that_turn_too_fast_in_a_wrong_time_unit_are_rejected():
     columns = field_log(DRIVEN)
     columns["heading"] = columns["heading"] + np.where(columns["t"] > 50, 120, 0)
     columns["t"] = 1e-3 * columns["t"]
-    with pytest.raises(FieldLogError, match=r"values of 'heading' turn faster than a machine; check heading.unit and"):
+    with pytest.raises(
+        FieldLogError, match=r"values of 'heading' imply an impossible yaw rate; check heading.unit and"
+    ):
         recorded(columns)
 
 

@@ -64,7 +64,7 @@ def test_log_identity_depends_on_contents_and_options_but_not_on_names(driven, t
     assert differing(log_identity(scenario, [table.slice(1)]), in_memory) == ["files"]
 
 
-def test_identity_of_a_log_twin_includes_the_code_of_log_readers(driven):
+def test_identity_of_twin_results_includes_the_code_of_log_readers(driven):
     found = read_identity(log_identity(driven.scenario, []))
     assert found.program != driven.scenario.identity.program
     assert found[2:] == (driven.scenario.identity.plugins, found.program, driven.scenario.identity.libraries)

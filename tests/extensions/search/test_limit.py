@@ -39,7 +39,7 @@ SCENARIO = load_scenario("figure_eight", {"plant.kind": "bicycle", "duration_s":
         ("outcome == rolled_over", False),
     ],
 )
-def test_failure_conditions_are_evaluated_as_written(text, met):
+def test_failure_conditions_combine_comparisons_and_boolean_operators(text, met):
     numbers = {"outcome": "completed", "lateral_rms": 0.25, "xte_rms": 0.05, "passes.xte_mean": -1.0}
     assert Condition(text, METRICS).is_met(numbers) is met
 
@@ -184,7 +184,7 @@ def test_limit_is_found_in_a_descending_range():
 
 
 @pytest.mark.parametrize("width", [0.08, 0.15, 0.6])
-def test_interval_of_a_gradual_limit_nearly_always_contains_it(width):
+def test_interval_covers_the_limit_if_the_success_rate_falls_gradually(width):
     """The success rate falls along a logistic curve through 80 % at 2.1; runs differ with the first seed."""
     hits = []
     for first in range(60):

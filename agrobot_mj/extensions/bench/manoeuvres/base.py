@@ -121,7 +121,8 @@ def tyre_of(kind: str) -> Any:
 
 
 def force_tyres() -> list[Any]:
-    """Return the default tyres of all types with a force law, for which a theoretical result exists."""
+    """Return the default tyres of all types to which acceptance limits apply, because their force law gives a
+    theoretical result."""
     return [tyre for tyre in tyres() if tyre.judged]
 
 

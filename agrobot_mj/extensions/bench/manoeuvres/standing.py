@@ -1,8 +1,8 @@
 """Start, parking and braking of machines
 
 Every machine of `agrobot-mj list --machines` is placed across slopes without its implement, on ground with sufficient
-grip. The steepest slope on which the machine rests on four wheels must equal the tip-over angle in its data sheet. The
-data sheet determines this angle by tilting gravity for a machine at rest on level ground.
+grip. The steepest slope on which the machine rests on four wheels must equal the tip-over angle in its data sheet. This
+angle is the tilt of gravity at which a wheel of the machine lifts off level ground.
 
 Parked with the brake applied and both valves in neutral, no tyre or machine may creep, on level ground or diagonally on
 a slope. From 85 % to 20 % of its initial speed, with the hydrostat disconnected, the brake must decelerate the machine

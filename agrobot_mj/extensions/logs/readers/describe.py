@@ -92,7 +92,7 @@ def _increases(source: Source, name: str) -> bool:
 
 
 def _use(source: Source, m: LogMap) -> str:
-    """Return a text about the possible uses of a log with the column map `m`, and the reason why other uses are
+    """Return a text that names the possible uses of a log with the column map `m`, and the reason why other uses are
     impossible."""
     enough = "The log has the columns for"
     try:

@@ -117,7 +117,9 @@ def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
             "--key seed: the seed is not a parameter to search; every value is run with up to --max-seeds seeds"
         )
     if not (isfinite(q.start) and isfinite(q.stop)) or q.start == q.stop:
-        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: specify different numbers A:B; laws should succeed at A")
+        raise ScenarioError(
+            f"--range {q.start:g}:{q.stop:g}: specify two different numbers, first one at which the laws succeed"
+        )
     if not isfinite(q.stop - q.start):
         raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: the range is wider than 1.8e308; specify a narrower one")
     if not (0 < q.resolution < inf and 0 < q.reliability < 1 and 0 < q.confidence <= MOST_CONFIDENT):

@@ -50,10 +50,10 @@ class Split(NamedTuple):
 
 
 def split_paths(n: int, worst: int, least: float, random: Random) -> Generator[list[Wanted[P]], list[P], Split]:
-    """Split n paths and drop at least `worst` paths per round, until more than n - `worst` paths have failed.
+    """Estimate the probability of failure by splitting n paths. At least `worst` paths are dropped per round.
 
-    Yields the paths to simulate and receives the simulated paths in the same order. The splitting also ends if no path
-    survives or if the weight is below `least`.
+    Yields the paths to simulate and receives the simulated paths in the same order. The splitting ends when fewer than
+    `worst` paths have not failed, when no path survives a round, or when the weight is below `least`.
     """
     paths = yield [(None, -inf)] * n
     weight, trace, driven, roots = 1.0, list[tuple[float, float]](), n, list(range(n))
