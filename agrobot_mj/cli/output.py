@@ -23,7 +23,7 @@ def print_hints(scenarios: "Iterable[Scenario]", quiet: bool) -> list[str]:
     for line in lines[:MOST_LINES]:
         print(line, file=sys.stderr)
     if len(lines) > MOST_LINES:
-        print(f"and {len(lines) - MOST_LINES} more lines of this type", file=sys.stderr)
+        print(f"and {len(lines) - MOST_LINES} more hints", file=sys.stderr)
     return lines
 
 

@@ -51,7 +51,7 @@ def _poster(recording: Path, file: Path) -> Path | None:
         try:
             (drawn,) = snapshots(recording, (), Path(place), ["Drive"])
         except SnapshotError as error:
-            print(f"{error}; the page has no poster", file=sys.stderr)
+            print(f"{error}; {POSTER} is not written", file=sys.stderr)
             return None
         with atomic(file) as temporary:
             temporary.write_bytes(drawn.read_bytes())

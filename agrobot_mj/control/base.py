@@ -162,7 +162,8 @@ class GuidanceLaw(Learner):
 
     @property
     def outside(self) -> str:
-        """Subcommand of `agrobot-mj` that runs the law in an external program, or an empty string if there is none."""
+        """Subcommand of `agrobot-mj` that connects the external program of the law, or an empty string for other
+        laws."""
         return ""
 
     def using(self, controller: "YawController") -> "GuidanceLaw":

@@ -60,10 +60,11 @@ class Following(GuidanceLaw):
     """Base class of the path-following laws, which steer by the nearest path point. Subclasses define `steering`."""
 
     saturation_m_s: NonNegative = 0.6
-    """Maximum speed correction towards the moving reference point [m/s]. Assumed value, as in `kinematic`."""
+    """Maximum speed correction towards the moving reference point [m/s]. Assumed value, equal to the default of
+    `kinematic`."""
     gain_per_m: Positive = 0.4
     """Slope of the speed correction versus the lag behind the reference, divided by `saturation_m_s` [1/m]. Assumed
-    value, as in `kinematic`."""
+    value, equal to the default of `kinematic`."""
     lateral_acceleration_m_s2: Positive = 2.0
     """Maximum lateral acceleration that a command may require [m/s2]. Assumed value (range 1-3); the tractor tips at
     6.8 m/s2."""

@@ -173,13 +173,13 @@ class Lqr(Integrating):
     label: ClassVar = "LQR"
     compiled = staticmethod(_tick)
     front_cornering_stiffness_n_rad: Positive = 14_800.0
-    """Cornering stiffness C_f of the front axle [N/rad]. Assumed value, as in the bicycle plant."""
+    """Cornering stiffness C_f of the front axle [N/rad]. Assumed value, equal to the value of the bicycle plant."""
     rear_cornering_stiffness_n_rad: Positive = 30_000.0
-    """Cornering stiffness C_r of the rear axle [N/rad]. Assumed value, as in the bicycle plant."""
+    """Cornering stiffness C_r of the rear axle [N/rad]. Assumed value, equal to the value of the bicycle plant."""
     steering_lag_s: Positive = 0.7
     """Time constant tau of the closed steering loop [s]. Assumed value (0.25 with a new valve, 1.3 with a worn one)."""
     steering_delay_s: Latency = 0.1
-    """Delay T of the valve, a multiple of the tick [s]. Assumed value, as in `Valve`."""
+    """Delay T of the valve, a multiple of the tick [s]. Assumed value, equal to the default of `steering.valve`."""
     offset_m: Positive = 0.14
     """Cross-track error that contributes 1 to the cost [m]. Assumed value (range 0.1-0.4) from tuning."""
     heading_deg: Positive = 3.9

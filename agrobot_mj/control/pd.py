@@ -78,7 +78,8 @@ class Pd(Conventional):
     def update(
         self, state: FilteredRate, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[FilteredRate, YawCommand]:
-        """Return the new state and the steering command for a yaw-rate error [rad/s], at most `steer_limit` [rad]."""
+        """Return the new state and the steering command, limited to `steer_limit` [rad], for a yaw-rate error
+        [rad/s]."""
         slope, tau_c = self.conventional(state, yaw_rate_error, dt)
         return slope, YawCommand(clip(tau_c, -steer_limit, steer_limit), tau_c)
 

@@ -39,7 +39,7 @@ class IntegralLaw(NamedTuple):
 def integral_step(
     p: IntegralLaw, s: IntegralState, e: float, dt: float, limit: float
 ) -> tuple[IntegralState, YawCommand]:
-    """Return the new state and the steering command for the yaw-rate error `e` [rad/s], at most `limit` [rad]."""
+    """Return the new state and the steering command, limited to `limit` [rad], for the yaw-rate error `e` [rad/s]."""
     slope, tau_c = conventional(p.gains, s.slope, e, dt)
     tau_n = s.tau_n
     command = YawCommand(clip(tau_c - tau_n, -limit, limit), tau_c, tau_n, nan)
@@ -74,7 +74,8 @@ class PdIsgn(Conventional):
     def update(
         self, state: IntegralState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[IntegralState, YawCommand]:
-        """Return the new state and the steering command for a yaw-rate error [rad/s], at most `steer_limit` [rad]."""
+        """Return the new state and the steering command, limited to `steer_limit` [rad], for a yaw-rate error
+        [rad/s]."""
         return integral_step(self._law, state, yaw_rate_error, dt, steer_limit)
 
     @property

@@ -42,7 +42,7 @@ class PiGains(NamedTuple):
 
 @shared
 def pi_step(p: PiGains, s: PiState, e: float, dt: float, limit: float) -> tuple[PiState, YawCommand]:
-    """Return the new state and the steering command for the yaw-rate error `e` [rad/s], at most `limit` [rad]."""
+    """Return the new state and the steering command, limited to `limit` [rad], for the yaw-rate error `e` [rad/s]."""
     step = p.ki * e * dt if abs(e) < TRANSIENT_RAD_S else 0.0
     tau_c, integral = p.kp * e, s.integral + step
     steer = clip(tau_c + integral, -limit, limit)
@@ -85,7 +85,8 @@ class Pi(YawController):
     def update(
         self, state: PiState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[PiState, YawCommand]:
-        """Return the new state and the steering command for a yaw-rate error [rad/s], at most `steer_limit` [rad]."""
+        """Return the new state and the steering command, limited to `steer_limit` [rad], for a yaw-rate error
+        [rad/s]."""
         return pi_step(PiGains(self.kp, self.ki), state, yaw_rate_error, dt, steer_limit)
 
     def relieve(self, state: PiState, excess: float) -> PiState:

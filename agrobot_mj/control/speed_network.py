@@ -29,7 +29,8 @@ class SpeedNetwork(Spec):
     """Proportional gain k_P [-]. Assumed value (range 0.05-0.5); a value of 1 would double the gain of the speed
     loop."""
     derivative_filter_s: NonNegative = 0.2
-    """Time constant of the low-pass filter of the error derivative [s]. Assumed value, as for the yaw controller."""
+    """Time constant of the low-pass filter of the error derivative [s]. Assumed value, equal to the default of the yaw
+    controller."""
     bound_m_s: Positive = 0.3
     """Maximum correction of the speed command [m/s]. Assumed value (range 0.1-0.6): half of
     `CascadeLaw.saturation_m_s`."""

@@ -139,8 +139,8 @@ class Stanley(Integrating):
     reverse_heading_gain: Positive = 1.5
     """Gain h: steering angle per heading error in reverse [-]. Assumed value (range 1-2): critical damping at 1 m/s."""
     integral_per_m: Annotated[float, Field(ge=0, le=1)] = 0.083
-    """Integral gain k_i: steering angle divided by the unexpected motion of the front axle in forward travel [rad/m].
-    Assumed value (range 0-0.3)."""
+    """Integral gain k_i [rad/m]: steering angle per metre of measured minus expected lateral motion of the front axle.
+    Used in forward travel. Assumed value (range 0-0.3)."""
     tunable: ClassVar = {
         "gain_per_s": (0.1, 2.0),
         "softening_m_s": (0.0, 1.0),

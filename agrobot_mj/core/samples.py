@@ -36,7 +36,7 @@ class Sample(NamedTuple):
 
 @shared
 def sample_of(t: float, r: Reference) -> Sample:
-    """Return the sample of the reference `r` at the time `t` [s], with arc length, heading change and direction 0."""
+    """Return the sample of the reference `r` at time `t` [s], with zero arc length, heading change and direction."""
     return Sample(t, r.x, r.y, r.yaw, r.curvature, cos(r.yaw) * r.vx + sin(r.yaw) * r.vy, 0.0, 0.0, 0.0)
 
 
@@ -56,7 +56,8 @@ def reference_in(references: Matrix, n: int) -> Reference:
 
 @jit
 def samples_at(times: Vector, references: Matrix) -> Matrix:
-    """Return samples of the references (n, 7) at `times` (n,) [s], with arc length, heading change and direction 0."""
+    """Return samples of the references (n, 7) at `times` (n,) [s], with zero arc length, heading change and
+    direction."""
     samples = np.zeros((times.size, WIDTH))
     for n in range(times.size):
         for k, value in enumerate(sample_of(times[n], reference_in(references, n))):

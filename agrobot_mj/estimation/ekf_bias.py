@@ -129,9 +129,10 @@ class EkfBias(PoseEstimator):
     initial_steer_bias_sigma_deg: NonNegative = 1.0
     """Initial standard deviation of the steering bias [deg]. Assumed value: the resolution of the potentiometer."""
     gnss_correlated_fraction: Fraction = 0.3
-    """Time-correlated fraction of the fix variance in the filter [-]. Assumed value, as in the receiver model."""
+    """Time-correlated fraction of the fix variance in the filter [-]. Assumed value, equal to the value of the receiver
+    model."""
     gnss_correlation_time_s: Positive = 30.0
-    """Correlation time of the fix error in the filter [s]. Assumed value, as in the receiver model."""
+    """Correlation time of the fix error in the filter [s]. Assumed value, equal to the value of the receiver model."""
 
     def pose_filter(self, tractor: TractorParameters) -> BiasEkf:
         """Return the pose EKF with states for steering bias and correlated GNSS error."""

@@ -75,30 +75,38 @@ class EkfFull(CompiledEstimator):
     """Mean pitch on level ground [deg], positive nose down, used without terrain compensation. Assumed value: the rear
     is lower by 0.05 deg (firm ground), 0.15 deg (ruts) or 0.9 deg (carried implement)."""
     pitch_sigma_deg: NonNegative = 0.3
-    """Standard deviation of the error of `pitch_deg` or of measured pitch [deg]. Assumed value, as for `pitch_deg`."""
+    """Standard deviation of the error of `pitch_deg` or of measured pitch [deg]. Assumed value, equal to the magnitude
+    of `pitch_deg`."""
     pitch_walk_deg_rt_s: NonNegative = 0.015
     """Random-walk coefficient of the pitch error [deg/sqrt(s)]. Assumed value for changes of 0.1 deg in a bend with
     ruts."""
     gnss_sigma_m: Positive = 0.02
     """Standard deviation of RTK-fixed positions per axis in the filter [m]. Paper, section V-A."""
     gnss_correlated_fraction: Fraction = 0.3
-    """Time-correlated fraction of the RTK-fixed position variance [-]. Assumed value, as in the receiver model."""
+    """Time-correlated fraction of the RTK-fixed position variance [-]. Assumed value, equal to the value of the
+    receiver model."""
     gnss_correlation_time_s: Positive = 30.0
-    """Correlation time of the error of an RTK-fixed position [s]. Assumed value, as in the receiver model."""
+    """Correlation time of the error of an RTK-fixed position [s]. Assumed value, equal to the value of the receiver
+    model."""
     gnss_float_sigma_m: Positive = 0.3
-    """Standard deviation of RTK-float positions per axis in the filter [m]. Assumed value, as in the receiver model."""
+    """Standard deviation of RTK-float positions per axis in the filter [m]. Assumed value, equal to the value of the
+    receiver model."""
     gnss_float_correlated_fraction: Fraction = 0.9
-    """Time-correlated fraction of the RTK-float position variance [-]. Assumed value, as in the receiver model."""
+    """Time-correlated fraction of the RTK-float position variance [-]. Assumed value, equal to the value of the
+    receiver model."""
     gnss_float_correlation_time_s: Positive = 60.0
     """Correlation time of RTK-float position errors [s]. Assumed value: half the receiver's value, because of jumps."""
     gnss_velocity_sigma_m_s: Positive = 0.03
-    """Standard deviation of the GNSS velocity per axis in the filter [m/s]. Assumed value, as in the receiver model."""
+    """Standard deviation of the GNSS velocity per axis in the filter [m/s]. Assumed value, equal to the value of the
+    receiver model."""
     heading_sigma_deg: Positive = 0.25
     """Standard deviation of the two-antenna heading [deg]. Assumed value for errors of 4 mm with antennas 1 m apart."""
     gyro_sigma_deg_s: Positive = 0.1
-    """Standard deviation of the gyro noise in the filter [deg/s]. Assumed value, as in the sensor model."""
+    """Standard deviation of the gyro noise in the filter [deg/s]. Assumed value, equal to the value of the sensor
+    model."""
     wheel_sigma_m_s: Positive = 0.02
-    """Standard deviation of the wheel-speed noise in the filter [m/s]. Assumed value, as in the sensor model."""
+    """Standard deviation of the wheel-speed noise in the filter [m/s]. Assumed value, equal to the value of the sensor
+    model."""
     steer_sigma_deg_s: Positive = 1.0
     """Standard deviation of the yaw rate derived from the steering angle [deg/s]. Assumed value (range 0.5-3) for the
     error caused by tyre lag."""
@@ -117,10 +125,11 @@ class EkfFull(CompiledEstimator):
     """Random-walk coefficient of the yaw rate [deg/s/sqrt(s)]. Assumed value (range 1-10) for steering at the maximum
     rate."""
     gyro_bias_walk_deg_s_rt_s: Positive = 0.002
-    """Random-walk coefficient of the gyro bias [deg/s/sqrt(s)]. Assumed value, as in the sensor model."""
+    """Random-walk coefficient of the gyro bias [deg/s/sqrt(s)]. Assumed value, equal to the value of the sensor
+    model."""
     sideslip_walk_deg_rt_s: Positive = 0.1
-    """Random-walk coefficient of unmodelled sideslip with two antennas [deg/sqrt(s)]. Assumed value, as for the
-    steering bias."""
+    """Random-walk coefficient of unmodelled sideslip with two antennas [deg/sqrt(s)]. Assumed value, equal to
+    `steer_bias_walk_deg_rt_s`."""
     steer_bias_walk_deg_rt_s: Positive = 0.1
     """Random-walk coefficient of the steering bias [deg/sqrt(s)]. Assumed value (range 0.05-0.4) for changes of 1 deg
     in a half turn on a slope."""

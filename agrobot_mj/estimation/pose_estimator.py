@@ -175,9 +175,11 @@ class PoseEstimator(CompiledEstimator):
     gnss_sigma_m: Positive = 0.02
     """Standard deviation of RTK-fixed positions per axis in the filter [m]. Paper, section V-A."""
     gnss_float_sigma_m: Positive = 0.3
-    """Standard deviation of RTK-float positions per axis in the filter [m]. Assumed value, as in the receiver model."""
+    """Standard deviation of RTK-float positions per axis in the filter [m]. Assumed value, equal to the value of the
+    receiver model."""
     gnss_velocity_sigma_m_s: Positive = 0.03
-    """Standard deviation of the GNSS velocity per axis in the filter [m/s]. Assumed value, as in the receiver model."""
+    """Standard deviation of the GNSS velocity per axis in the filter [m/s]. Assumed value, equal to the value of the
+    receiver model."""
     velocity_walk_m_s_rt_s: Positive = 0.1
     """Random-walk coefficient of the velocity per axis [m/s/sqrt(s)]. Assumed value (range 0.05-0.3) for changes of
     pedal position and heading."""

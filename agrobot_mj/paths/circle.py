@@ -27,9 +27,10 @@ class Circle(Transitions, ReferencePath):
 
     kind: Literal["circle"] = "circle"
     radius_m: Positive = 10.0
-    """Radius of the circle [m]. Assumed value, as for the arcs of the figure-eight."""
+    """Radius of the circle [m]. Assumed value, equal to the arc radius of `figure_eight`."""
     ramp_s: Ramp = RAMP_S
-    """Duration of the acceleration from rest [s], or 0 for no ramp. Assumed value, as for `figure_eight`."""
+    """Duration of the acceleration from rest [s], or 0 for no ramp. Assumed value, equal to the default of
+    `figure_eight`."""
     turns: Annotated[int, Field(ge=1, le=1000)] = 2
     """Number of laps [-]."""
     direction: Literal["left", "right"] = "left"

@@ -34,7 +34,8 @@ class Line(ReferencePath):
 
     kind: Literal["line"] = "line"
     ramp_s: Ramp = RAMP_S
-    """Duration of the acceleration from rest [s], or 0 for no ramp. Assumed value, as for `figure_eight`."""
+    """Duration of the acceleration from rest [s], or 0 for no ramp. Assumed value, equal to the default of
+    `figure_eight`."""
     length_m: Positive = 144.0
     """Length of the line [m]. Assumed value, equal to the length of one lap of the default figure-eight."""
     heading_deg: float = 0.0

@@ -143,7 +143,7 @@ class Timed(ReferencePath):
     """Base class of paths whose speed is computed from speed and acceleration limits; subclasses define `course`."""
 
     speed_m_s: Speed = 1.2
-    """Maximum speed of the reference [m/s]. Assumed value, as for the paper's figure-eight."""
+    """Maximum speed of the reference [m/s]. Assumed value, equal to the speed of the paper."""
     acceleration_m_s2: Acceleration = 0.3
     """Maximum acceleration and deceleration [m/s2]. Assumed value (range 0.2-0.5) for typical drivers."""
     lateral_acceleration_m_s2: Acceleration = 0.5

@@ -299,7 +299,7 @@ def _nearest(key: str) -> str:
 
 
 def json_schema() -> dict[str, Any]:
-    """Return the JSON schema of a scenario file. As in loading, a table without `kind` has its default kind."""
+    """Return the JSON schema of a scenario file. A table without `kind` has its default kind, as in a loaded file."""
     schema = Scenario.model_json_schema()
     _drop_titles(schema)
     implied = {type(key.owner.model_fields[key.name].get_default()) for key in keys(Scenario)}

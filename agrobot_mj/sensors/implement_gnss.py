@@ -57,7 +57,8 @@ class ImplementGnss(CompiledSensor):
     enabled: bool = False
     """Whether the receiver is present."""
     sigma_m: NonNegative = 0.02
-    """Standard deviation of the sum of white and correlated errors per axis [m]. Assumed value, as for `gnss`."""
+    """Standard deviation of the sum of white and correlated errors per axis [m]. Assumed value, equal to the default of
+    `sensors.gnss`."""
     correlated_fraction: Fraction = 0.2
     """Correlated fraction of the position error variance [-]. Assumed value (range 0.1-0.5)."""
     correlation_time_s: Positive = 60.0

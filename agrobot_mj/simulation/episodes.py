@@ -408,7 +408,8 @@ class Episodes:
     """Executor that advances the `Loop` of a run by episodes and writes the log to `Rows`."""
 
     def __init__(self, loop: Loop, rows: Rows) -> None:
-        """Prepare the episodes of a run. A run has none if a stage other than law and estimator runs in Python."""
+        """Prepare the episodes of a run. A run has no episodes if a stage other than law and estimator runs in Python,
+        or if an external program computes the law."""
         self.loop, self.rows, self.paused, self.moving = loop, rows, -PAUSE, False
         self.interpreted = interpreted_stages(loop)
         self.possible = {"guidance", "estimator"}.issuperset(self.interpreted) and not loop.guidance.outside

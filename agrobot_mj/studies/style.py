@@ -29,8 +29,8 @@ from agrobot_mj.simulation.results import atomic
 
 COLOURS = {"pd": VERMILION, "pd_isgn": ORANGE, "pd_t1fnn": GREEN, "pd_t2fnn": BLUE}
 SPARE_COLOURS = (PINK, SKY_BLUE, BROWN, YELLOW, ROYAL_BLUE, WINE, OLIVE)
-"""Colours of laws without an assigned colour, in the order of the laws. Grey is excluded, because it resembles the
-reference."""
+"""Colours of laws without an assigned colour, in the order of the laws. Grey is excluded, because the reference
+is black or grey."""
 STYLE: dict[Any, Any] = {
     "font.size": 8,
     **{f"{part}.labelsize": 8 for part in ("axes", "xtick", "ytick")},

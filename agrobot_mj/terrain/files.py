@@ -56,7 +56,7 @@ def read_grid(file: str) -> Sheet:
 
 
 def read_picture(file: str) -> Array:
-    """Return the brightness in a grey PNG image from 0 (black) to 1 (white), shape (rows, columns); row 0 is south."""
+    """Return the brightness of a grey PNG image from 0 (black) to 1 (white), shape (rows, columns); row 0 is south."""
     with _prefix_file_key():
         sheet = _read_png(checked_path(file, [".png"], MOST_BYTES))
         return sheet.values / sheet.white

@@ -31,7 +31,8 @@ class Special(Spec):
     """Rolling resistance on firm ground divided by load [-]. Default: from `surface`, `terrain.surface` or the tyre
     law."""
     cell_m: Annotated[float, Field(ge=0.01, le=HUGE)] = 0.25
-    """Side length of the grid cells that represent the shape [m]. The minimum of all patches applies to all patches."""
+    """Side length of the grid cells that represent the shape [m]. The smallest `cell_m` of all patches applies to all
+    patches."""
 
     @model_validator(mode="after")
     def _fill_from_surface(self) -> Self:

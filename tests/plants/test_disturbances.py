@@ -215,7 +215,7 @@ def test_parked_tractor_with_a_drawbar_pull_does_not_creep(pull, dt):
     assert under.plant.warnings() == 0
 
 
-def test_implement_resistance_decays_at_standstill_without_push_back():
+def test_implement_resistance_decays_at_standstill_without_motion():
     under = Under(NOMINAL._replace(drawbar=1500.0))
     under.drive(1.0, 8.0)
     full = abs(under.plant.loads[AHEAD])

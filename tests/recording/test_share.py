@@ -92,7 +92,7 @@ def test_shared_page_made_without_a_vulkan_driver_has_no_poster(eight, tmp_path,
     (tmp_path / "scenario.toml").write_text('name = "mine"\n[guidance]\nkind = "lqr"\n', encoding="utf-8")
     assert [path.name for path in sharing.share(tmp_path / "run.rrd")] == ["share.html"]
     assert given[2:] == ["mine", "stuck, lateral rms 3.1 cm, guidance lqr", None]
-    assert "run.rrd: no images; the page has no poster" in capsys.readouterr().err
+    assert "run.rrd: no images; poster.png is not written" in capsys.readouterr().err
 
 
 def test_video_without_ffmpeg_is_rejected_before_the_viewer_starts(call, eight, tmp_path, monkeypatch):

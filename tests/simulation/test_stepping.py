@@ -82,7 +82,7 @@ def test_reference_speed_is_used_if_a_command_has_no_speed():
 
 @pytest.mark.parametrize("value", [nan, inf, -inf])
 @pytest.mark.parametrize("name", ["steer", "speed", "curvature", "yaw_rate", "steer_voltage"])
-def test_error_for_a_non_finite_command_names_it(name, value):
+def test_error_names_the_non_finite_command(name, value):
     sim = Simulation("circle", SHORT)
     sim.reset()
     with pytest.raises(CommandError, match=name):

@@ -119,9 +119,11 @@ class ImplementIlc(PlaceLearner):
     max_offset_m: Positive = 1.0
     """Offset of the implement from the path above which learning is suspended [m]. Assumed value (range 0.5-2)."""
     tool_behind_m: Positive = 2.0
-    """Distance from hitch to working point, for the tractrix [m]. Assumed value, as for `drawn` implements."""
+    """Distance from hitch to working point, for the tractrix [m]. Assumed value, equal to the default of `drawn`
+    implements."""
     axle_behind_m: Positive = 2.0
-    """Distance from hitch to implement axle, for the tractrix [m]. Assumed value, as for `drawn` implements."""
+    """Distance from hitch to implement axle, for the tractrix [m]. Assumed value, equal to the default of `drawn`
+    implements."""
     quantity = "line_learned"
 
     def init(self) -> ImplementIlcState:

@@ -63,7 +63,8 @@ class Gamepad:
         return [self._pressed.popleft() for _ in range(len(self._pressed))]
 
     def added_to(self, keys: Keys) -> Keys:
-        """Return the pressed keys with the stick and triggers of the gamepad, unless its last message is old."""
+        """Return `keys` with the stick and triggers of the gamepad, or unchanged if the last message of the gamepad is
+        older than `STALE_S`."""
         return keys._replace(stick=self.steer, pedal=self.drive) if self.seen > keys.seen - STALE_S else keys
 
 

@@ -65,7 +65,7 @@ class Drawn(ImplementBase):
     cg_height_m: Length = 0.65
     """Height of the centre of mass above level ground [m]. Assumed value (range 0.5-1)."""
     length_m: Length = 1.8
-    """Length of the body, whose inertia is that of a box of equal dimensions [m]. Assumed value (range 1.5-3)."""
+    """Length of the body [m]. The body has the inertia of a box of the same dimensions. Assumed value (range 1.5-3)."""
     width_m: Length = 1.1
     """Width of the body [m]. Assumed value (range 1-1.5)."""
     height_m: Length = 0.6

@@ -28,7 +28,8 @@ MEAN_S = 2.0  # Window length of the moving mean [s]: two furrows of 0.75 m at 0
 MEAN_TICKS = 5  # Number of ticks between points of the moving mean
 MEAN = "mean"  # Name of the entity with the moving means, below the entity of the plot
 WINDOWS = 100
-"""Number of time windows for evaluating the noise of a run, each 6 pixels wide, so that lines of noise overlap."""
+"""Number of time windows in which the noise of a run is evaluated. In the plot a window is 6 pixels wide, so that noisy
+lines overlap."""
 MOST_NOISE = 0.1
 """Noise above which a moving mean is drawn [-]: mean noise amplitude in the noisier half of the windows, divided by the
 signal range. Assumed value."""

@@ -119,7 +119,7 @@ def is_enabled(stream: rr.RecordingStream, path: Path | None) -> bool:
 @cache
 def _report_switched_off() -> None:
     given = os.environ.get("RERUN", "off")
-    print(f"RERUN={given}: Rerun is disabled, so no recording is written; unset it to record", file=sys.stderr)
+    print(f"RERUN={given}: Rerun is disabled, so no recording is written; unset RERUN to record", file=sys.stderr)
 
 
 def abandon(stream: rr.RecordingStream) -> None:

@@ -181,7 +181,7 @@ def read_sweep(source: str | Path) -> Sweep:
     path = find_sweep(source)
     data, folder = read_toml(path), path.parent.resolve()
     if not isinstance(data.get("base"), str):
-        raise ScenarioError(f'{path.name}: base: the key is missing; specify a scenario, as in base = "side_slope"')
+        raise ScenarioError(f'{path.name}: base: the key is missing; specify a scenario, e.g. base = "side_slope"')
     try:
         file = SweepFile.model_validate_json(json_text(data, path.name))
     except ValidationError as error:

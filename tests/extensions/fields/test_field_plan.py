@@ -186,14 +186,14 @@ def test_plan_with_headlands_around_a_hole_stays_inside_the_field():
 
 
 @pytest.mark.parametrize("obstacle", [box(-0.3, -0.3, 0.3, 0.3), box(-0.1, -30.0, 0.1, 30.0)])
-def test_obstacle_between_the_corners_of_the_tractor_is_an_excursion(obstacle):
+def test_obstacle_between_the_tractor_corners_counts_as_leaving_the_field(obstacle):
     rig, field = machine(), Field("pole", box(-40, -30, 40, 31).difference(obstacle))
     outside = area_of(field, 0, rig).outside(np.array([0.0, 15.0]), np.zeros(2), np.zeros(2))
     assert outside[:, 0] == pytest.approx([ENTERED_M, 0.0])
     assert outside[:, 1] == pytest.approx([0.0, 0.0])
 
 
-def test_obstacle_below_the_middle_of_the_implement_is_an_excursion():
+def test_obstacle_below_the_implement_counts_as_leaving_the_field():
     """The edges of the implement outline are 0.4 m inside the obstacle, whose length is 1 m."""
     rig = machine()
     field = Field("pole", box(-40, -30, 40, 30).difference(box(-0.5, -0.5, 0.5, 0.5)))

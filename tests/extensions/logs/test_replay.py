@@ -158,7 +158,7 @@ def test_wrong_speed_unit_is_detected_from_the_track_length(driven):
     assert "times as long as that of the plant: check the unit of [speed]" in summary(slow, driven.scenario.tractor)
 
 
-def test_measured_length_of_a_track_is_independent_of_its_shape(driven):
+def test_track_length_ratio_does_not_depend_on_steering_errors(driven):
     other = replay(with_column(driven.signals, "steer_measured", -4 * driven.column("steer")), None, driven.scenario)
     assert other.metrics["position"]["windows_rms"] > 0.2
     assert other.metrics["position"]["stretch"] == pytest.approx(1.0, abs=0.01)

@@ -23,8 +23,8 @@ THIN, LEAST_PART = 0.3, 2.0
 """Half of the minimum width, divided by the working width, and minimum area, divided by the square of the working
 width, of a part of the headland that gets swaths [-]. Assumed values."""
 ENTERED_M = 0.2
-"""Maximum distance that counts for a boundary between the corners of an outline [m]. Assumed value: wider margins
-would leave more of the field without work."""
+"""Maximum reported distance by which a boundary between the corners of an outline is inside this outline [m]. Assumed
+value: a higher limit would require wider margins, which leave more of the field without work."""
 SIDE_STEP_M = 0.1  # Maximum distance between the checked points of outlines, and of the boundary inside outlines [m]
 GRID_M = 1e-4  # Grid to which areas are rounded, because GEOS cannot intersect some areas exactly [m]
 BLOCK = 4096  # Number of poses whose outlines are computed at a time, to limit memory usage

@@ -42,7 +42,7 @@ class RosNode:
         if domain is not None and not 0 <= domain <= MOST_DOMAIN:
             raise ScenarioError(f"--domain: must be between 0 and {MOST_DOMAIN}, got {domain}")
         if not NAMESPACE.fullmatch(namespace := namespace.strip("/")):
-            raise ScenarioError(f"--namespace {namespace!r:.60}: use letters, digits and _, as in field/tractor_1")
+            raise ScenarioError(f"--namespace {namespace!r:.60}: use letters, digits and _, e.g. field/tractor_1")
         self.stamped, self.domain, self.namespace = stamped, domain, namespace
         self.heard, self.refused = 0, 0
         self.last: VelocityMessage | None = None

@@ -34,7 +34,7 @@ class BusSignal(NamedTuple):
     directed: bool = False  # Whether the message also contains the direction of travel
 
     def of_counts(self, counts: float) -> float:
-        """Convert a count to a value in SI units without the offset of the signal, as in ISO 11783-10 logs."""
+        """Convert a count to a value in SI units without the offset of the signal, which ISO 11783-10 logs omit."""
         value = self.scale * counts
         return wrap(pi / 2 - value) if self.compass else value
 

@@ -184,7 +184,8 @@ class _Replayer:
         )
 
     def _advance(self, steer_voltage: float, speed: float) -> None:
-        """Advance the plant by one tick, with a valve voltage [V] and a speed setpoint for its end [m/s]."""
+        """Advance the plant by one tick with a valve voltage [V]. `speed` is the setpoint at the end of the tick
+        [m/s]."""
         if not self.recording.wheel_speed:
             self.missing += (speed - self.truth.speed) * self.tick / INTEGRAL_S
         pedal = (speed + self.missing) / self.full_speed

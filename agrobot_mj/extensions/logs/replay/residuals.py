@@ -59,7 +59,8 @@ def refine_pose(pose: Pose, recording: FieldRecording, driven: Driven) -> Pose:
 
 
 def first_metres_end(recording: FieldRecording) -> float:
-    """Return the time shortly after the first `START_M` metres [s], or the end time without positions."""
+    """Return the time shortly after the first `START_M` metres [s], or the end time of a recording without
+    positions."""
     fixes = _first_metres(recording)
     return recording.end if fixes is None else min(float(fixes.t[-1]) + 0.1, recording.end)
 

@@ -76,7 +76,7 @@ class FalsifyQuestion(NamedTuple):
         """Raise `ScenarioError` for settings that are invalid for a scenario."""
         keys = [each.key for each in self.varied]
         if not keys or len(set(keys)) < len(keys):
-            raise ScenarioError("--vary: specify each key once, as in --vary KEY=MILD:HARD")
+            raise ScenarioError("--vary: specify one or more keys, and each key once: --vary KEY=MILD:HARD")
         if self.budget < FEWEST or self.seeds < 1:
             raise ScenarioError(f"--budget must be {FEWEST} or more, --seeds 1 or more")
         for each in self.varied:

@@ -138,7 +138,7 @@ class Condition:
 
     def _refuse(self, why: str) -> NoReturn:
         shown = self.text if len(self.text) <= LONGEST else f"{self.text[:60]}..."
-        raise ScenarioError(f"--until {shown!r}: {why}; specify comparisons of metrics and outcome, as in {EXAMPLE}")
+        raise ScenarioError(f"--until {shown!r}: {why}; specify comparisons of metrics and outcome, e.g. {EXAMPLE}")
 
 
 def _present(numbers: Numbers, name: str) -> Any:
