@@ -84,7 +84,7 @@ def test_help_lists_basic_commands_in_panels(call, monkeypatch):
 @pytest.mark.parametrize(
     ("former", "now"), [pair for each in LISTED.values() for pair in each.former.items()], ids=lambda part: part
 )
-def test_deprecated_command_runs_its_replacement_and_names_it(call, former, now):
+def test_deprecated_command_runs_and_names_its_replacement(call, former, now):
     name, *flags = former.split()
     status, out, err = call(name, "nowhere", *flags)
     notice, _, said = err.partition("\n")

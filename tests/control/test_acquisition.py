@@ -25,7 +25,7 @@ def acquisition(law, start, more=None):
 
 
 @pytest.mark.parametrize(("start", "law"), by_turns([pytest.param(s) for s in STARTS], LAWS))
-def test_law_acquires_line_with_small_overshoot_and_stays_on_it(law, start):
+def test_law_acquires_and_keeps_the_line_with_small_overshoot(law, start):
     """Two starts allow more overshoot: for pure pursuit close to the line at a large angle, and for Stanley with an
     estimated steering bias of 6 deg due to slip at full lock."""
     metrics = acquisition(law, start)

@@ -46,7 +46,7 @@ def test_signal_handlers_run_at_the_end_of_the_outermost_with_block(received):
     assert received.count(signal.SIGINT) == 2
 
 
-def test_remaining_signal_handlers_run_after_one_raises(received):
+def test_remaining_signal_handlers_run_after_one_handler_raises(received):
     signal.signal(signal.SIGINT, raising)
     with pytest.raises(StoppedError), held_back():
         send(signal.SIGINT, signal.SIGUSR1)

@@ -88,7 +88,7 @@ def test_user_without_home_folder_gets_a_private_temporary_cache(tmp_path, monke
 
 
 @pytest.mark.parametrize(("patience", "hits"), [(60.0, 1), (0.2, 0)])
-def test_kernel_waits_until_another_process_has_compiled_it(folder, monkeypatch, patience, hits):
+def test_kernel_waits_while_another_process_compiles_the_kernel(folder, monkeypatch, patience, hits):
     monkeypatch.setattr(kernel_cache, "PATIENCE_S", patience)
     one, other = fresh(), fresh()
 

@@ -116,7 +116,7 @@ def test_covariance_remains_symmetric_and_positive_definite():
         assert np.linalg.eigvalsh(P).min() > 0
 
 
-def test_uncertainty_grows_without_fixes_and_decreases_with_them():
+def test_position_uncertainty_grows_until_the_next_fix_reduces_it():
     steps = drive(Ekf(), 40, quality=lambda t: Quality.NONE if 20 < t <= 30 else Quality.FIX)
     spread = np.array([np.trace(step.estimate.covariance[:2, :2]) for step in steps])
     assert (np.diff(spread[402:600]) > 0).all()

@@ -54,7 +54,7 @@ def test_position_estimate_is_extrapolated_during_the_gnss_loss(log):
     assert hypot(x[-1] - x[0], y[-1] - y[0]) > 4.0
 
 
-def test_reported_sigma_grows_in_a_gnss_loss_and_decreases_after_it(log):
+def test_reported_sigma_grows_in_a_gnss_loss_and_decreases_afterwards(log):
     variance = log.column("p_xx") + log.column("p_yy")
     assert (np.diff(variance[LOST - 1 : FOUND]) > 0).all()
     assert variance[FOUND - 1] > 25 * variance[LOST - 1]

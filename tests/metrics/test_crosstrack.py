@@ -55,7 +55,7 @@ def test_cross_track_error_of_a_constant_offset_is_independent_of_lag(path: Any,
 
 
 @pytest.mark.parametrize("path", PATHS, ids=repr)
-def test_path_time_is_that_of_the_nearest_reference_point(path: Any) -> None:
+def test_path_time_is_the_time_of_the_nearest_reference_point(path: Any) -> None:
     t, x, y = points_beside(path, 0.0, 0.3)
     found = track(path, t, x, y).time
     places = np.array([path.at(s)[:2] for s in found.tolist()])

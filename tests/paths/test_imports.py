@@ -171,7 +171,7 @@ def test_shapefile_with_projected_coordinates_gives_the_same_track(tmp_path):
         read_shapes(str(tmp_path / "rows.shp"))
 
 
-def test_coordinates_far_from_the_origin_are_shifted_to_it(tmp_path):
+def test_coordinates_far_from_the_origin_are_shifted_to_the_origin(tmp_path):
     text = "x,y\n" + "".join(f"{x + 432100.25},{y + 5791000.5}\n" for x, y in BEND)
     points, notes = points_of(tmp_path, "far.csv", text)
     np.testing.assert_allclose(points, BEND + [0.25, -9.5])

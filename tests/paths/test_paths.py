@@ -364,7 +364,7 @@ def test_path_kind_selects_the_path_class() -> None:
 
 
 @pytest.mark.parametrize("path", [Line, FigureEight, Sinusoid, LaneChange, Swaths, Contour])
-def test_minimum_path_speed_is_accepted_and_a_lower_one_rejected(path):
+def test_minimum_path_speed_is_accepted_and_a_lower_speed_rejected(path):
     assert 0 < path(speed_m_s=SLOWEST_M_S).duration_s < 1e9
     with pytest.raises(ValidationError, match="greater than or equal to"):
         path(speed_m_s=SLOWEST_M_S / 2)

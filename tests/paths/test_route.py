@@ -57,7 +57,7 @@ def test_curvatures_of_many_route_points_equal_those_of_single_points(kind):
 
 
 @pytest.mark.parametrize("kind", every(Path), ids=lambda kind: kind.__name__)
-def test_nearest_route_point_to_a_reference_point_is_this_point(kind):
+def test_nearest_route_point_to_a_reference_point_is_the_same_point(kind):
     path = kind()
     route, s = SampledRoute(path), 0.0
     for t in np.linspace(0.0, min(path.duration_s, 60.0), 400):

@@ -77,7 +77,7 @@ def test_bicycle_step_with_complex_poles_equals_the_matrix_exponential():
 
 
 @pytest.mark.parametrize("u", [0.5, 1.0, 2.0, 4.0])
-def test_steady_state_yaw_gain_equals_that_of_the_python_control_library(u):
+def test_steady_state_yaw_gain_agrees_with_the_python_control_library(u):
     a = lateral_dynamics(LAW, u)
     A, B = matrices(LAW, u)
     assert np.array([[a.A11, a.A12], [a.A21, a.A22]]) == pytest.approx(A)

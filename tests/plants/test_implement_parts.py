@@ -96,7 +96,7 @@ def sink_in(plant, at, depth):
 # --- numbers of the implement -----------------------------------------------------------------------------------------
 
 
-def test_inertia_of_a_box_equals_that_of_its_combined_halves():
+def test_inertia_of_a_box_equals_the_inertia_of_its_combined_halves():
     """The box is divided along any axis, and the inertia of both halves refers to their common centre."""
     size, mass = (2.0, 1.2, 0.5), 90.0
     whole = box_inertia(mass, size)

@@ -238,7 +238,7 @@ def test_unusable_body_file_paths_are_rejected_with_a_reason(tmp_path):
     assert "includes or attaches itself" in refused(loop)
 
 
-def test_command_with_an_invalid_body_file_reports_it_and_writes_nothing(tmp_path, call):
+def test_command_reports_an_invalid_body_file_and_writes_nothing(tmp_path, call):
     path = variant(tmp_path, ('"steer_fl"', '"kingpin"'))
     (tmp_path / "s.toml").write_text(tomli_w.dumps({"tractor": {"mjcf": path.name}}), encoding="utf-8")
     status, _, told = call("run", str(tmp_path / "s.toml"), "--out", str(tmp_path / "out"))

@@ -123,7 +123,7 @@ def test_all_shipped_machines_except_the_compact_tractor_use_lqr():
 
 
 @pytest.mark.parametrize("name", ["row_crop", "utility"])
-def test_estimator_of_the_scenario_replaces_that_of_the_machine(name):
+def test_estimator_of_the_scenario_replaces_the_machine_estimator(name):
     own = load_scenario("rain", {"machine": name})
     assert (own.estimator.kind, own.estimator.terrain_compensation) == ("ekf_full", True)
     papers = load_scenario("rain", {"machine": name, "estimator.kind": "ekf"}).estimator

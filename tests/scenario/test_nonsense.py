@@ -184,7 +184,7 @@ def test_too_many_cells_of_overlapping_patches_are_rejected_before_filling():
     assert "cells must be filled, above the limit of 2e+08" in refused(**{"terrain.patch": [patch] * 1000})
 
 
-def test_path_of_a_thousand_laps_is_rejected_before_it_is_built(tmp_path):
+def test_path_of_a_thousand_laps_is_rejected_before_its_construction(tmp_path):
     ways = 2 * np.pi * np.arange(200) / 200
     rows = [f"{1600 * np.cos(a)},{1600 * np.sin(a)}" for a in ways]
     (tmp_path / "loop.csv").write_text("\n".join(["x_m,y_m", *rows]))

@@ -65,7 +65,7 @@ def test_worse_fix_quality_of_a_gnss_fault_takes_precedence_over_canopy():
     assert qualities(Canopy(points=STRIP, lapse_share=0.0), [15.0], conditions=lost)[0] == Quality.NONE
 
 
-def test_canopy_does_not_change_the_noise_of_fixes_outside_of_it():
+def test_canopy_does_not_change_the_noise_of_fixes_outside_the_canopy():
     """Outside the canopy, the fixes equal the fixes of a receiver without a canopy."""
     fixes = []
     for canopy in ((Canopy(points=STRIP),), ()):

@@ -122,7 +122,7 @@ def test_episodes_after_the_end_of_a_fault_equal_single_ticks(kind):
     check_equal(driven("figure_eight", overrides, lambda: 0), driven("figure_eight", overrides, lambda: 200))
 
 
-def test_measurement_after_a_divergence_is_that_of_the_last_complete_tick():
+def test_measurement_after_a_divergence_is_from_the_last_complete_tick():
     """Upward gravity accelerates the tractor until the plant diverges."""
     found = []
     for most in (0, 200):

@@ -35,7 +35,7 @@ def test_start_offset_is_applied_to_tractor_and_estimator(name, keys):
 
 
 @pytest.mark.parametrize("plant", ["mujoco", "bicycle"])
-def test_tractor_starting_off_the_path_reaches_it_and_logs_its_true_error(plant):
+def test_tractor_starting_off_the_path_reaches_it_and_logs_true_errors(plant):
     keys = {"plant.kind": plant, **BESIDE, "duration_s": 30.0, "guidance.kind": "lqr"}
     log = run(load_scenario("straight_line", keys))
     off = -log.column("e_lateral")

@@ -91,7 +91,7 @@ def test_error_names_the_non_finite_command(name, value):
 
 
 @pytest.mark.parametrize("command", [{"steer": "1"}, {"speed": [1.0]}, {"curvature": {}}])
-def test_error_for_a_command_of_the_wrong_type_names_it(command):
+def test_error_names_the_command_of_the_wrong_type(command):
     sim = Simulation("circle", SHORT)
     sim.reset()
     (name,) = command
@@ -100,7 +100,7 @@ def test_error_for_a_command_of_the_wrong_type_names_it(command):
     sim.step(steer=np.float32(0.1), speed=np.int64(1))
 
 
-def test_error_for_an_argument_of_the_wrong_type_names_it():
+def test_error_names_the_argument_of_the_wrong_type():
     sim = Simulation("circle", SHORT)
     with pytest.raises(TypeError, match=r"^state: must be a return value of save\(\), got None"):
         sim.restore(None)
@@ -142,7 +142,7 @@ def test_type_error_names_the_invalid_register_argument(arguments, message):
         register(*arguments)
 
 
-def test_error_for_a_missing_log_column_names_it():
+def test_error_names_the_missing_log_column():
     log = Simulation("circle", SHORT).log()
     with pytest.raises(TypeError, match=r"^name: must be the name of a column, got 3"):
         log.column(3)

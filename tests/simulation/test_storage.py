@@ -34,7 +34,7 @@ def test_failed_atomic_write_leaves_no_file(tmp_path, error):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_old_file_is_kept_until_the_new_one_is_complete(tmp_path):
+def test_old_file_is_kept_until_the_new_file_is_complete(tmp_path):
     target = tmp_path / "a.json"
     write_json(target, {"old": 1})
     with pytest.raises(ValueError, match="JSON"):

@@ -168,7 +168,7 @@ def test_seeds_outside_the_valid_range_are_rejected(circle):
         planned(circle.changed({"seed": 2**63 - 2}), seeds=3)
 
 
-def test_law_is_skipped_on_a_plant_that_does_not_support_it():
+def test_law_is_skipped_on_a_plant_without_support_for_the_law():
     found = planned(load_scenario("circle"), "tilted: terrain.kind=slope", "level:", plants=None)
     assert [case.folder for case in found.cases] == ["bicycle-level-s1", "mujoco-tilted-s1", "mujoco-level-s1"]
     (line,) = found.left_out

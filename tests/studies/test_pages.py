@@ -270,7 +270,7 @@ def test_downsampled_curve_keeps_spikes_and_gaps():
     assert [len(column) for column in thin_rows(t[:100], y[:100])] == [100, 100]
 
 
-def test_curve_of_a_sampled_parameter_shows_means_of_groups_of_runs():
+def test_curve_of_a_sampled_parameter_shows_means_over_run_groups():
     """Single runs also differ in other sampled parameters, so a line through them would be irregular."""
     rows = [
         {"v": 3 * k % 11, "w": k % 2, "outcome": "completed", "expected": True, "xte_rms": 0.01 * (k % 2)}

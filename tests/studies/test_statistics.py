@@ -12,7 +12,7 @@ from agrobot_mj.studies.statistics import wilson_interval
 VALUES = [1.0, 1.3, 0.8, 1.1, 1.6]
 
 
-def test_student_interval_equals_that_of_the_t_test():
+def test_student_interval_equals_the_interval_of_the_t_test():
     wanted = ttest_1samp(VALUES, 0.0).confidence_interval(0.9)
     assert student_interval(VALUES, 0.9) == pytest.approx((wanted.low, wanted.high))
     assert student_interval([2.0]) == (-inf, inf)

@@ -112,7 +112,7 @@ def test_surface_is_recovered_although_40_percent_of_the_heights_are_wrong(tmp_p
     assert np.sqrt((found[:, 0] ** 2).mean()) < 0.04
 
 
-def test_steep_bank_is_kept_although_it_is_smoothed(tmp_path):
+def test_steep_bank_is_kept_by_the_smoothing_of_heights(tmp_path):
     def bank(x, y):
         return 40.0 + 1.5 * np.tanh((x - 80) / 12)
 

@@ -47,7 +47,7 @@ def test_welch_spectrum_of_rough_ground_matches_its_class(axis, seed):
     assert ratios == pytest.approx(1.0, abs=0.1)
 
 
-def test_roughness_spectrum_along_diagonals_equals_that_along_axes():
+def test_roughness_spectrum_is_equal_along_diagonals_and_axes():
     heights, root = FIELD.ground().heights, np.sqrt(2.0)
     length = heights.shape[0] * 3 // 4
     diagonals = [np.diagonal(h, k)[:length] for h in (heights, heights[:, ::-1]) for k in range(-300, 301, 5)]

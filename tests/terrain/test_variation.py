@@ -122,7 +122,7 @@ def drag(tyre, surface):
 
 
 @pytest.mark.parametrize("surface", ["concrete", "tilled"])
-def test_rolling_resistance_equals_that_of_the_named_surface(surface):
+def test_rolling_resistance_equals_the_value_of_the_named_surface(surface):
     weight = 750 * 9.81
     assert drag(MagicFormula(), surface) == pytest.approx(NAMED[surface].rolling_resistance * weight, rel=0.08)
 

@@ -36,7 +36,7 @@ FURROWS = {
 
 @pytest.mark.parametrize("radius", [0.28, 0.42])
 @pytest.mark.parametrize("name", FURROWS)
-def test_wheel_height_on_uneven_ground_equals_that_of_a_rigid_circle(name, radius):
+def test_wheel_height_on_uneven_ground_equals_a_rigid_circle_height(name, radius):
     ground = FURROWS[name].ground()
     places = np.linspace(-1.0, 1.0, 61)
     got = np.array([stand(ground, radius, x)[0] for x in places])
@@ -103,7 +103,7 @@ def test_contact_normal_is_perpendicular_to_the_path_of_the_wheel_centre(radius)
 
 @pytest.mark.parametrize("yaw", [0.0, 0.6, 2.5])
 @pytest.mark.parametrize("tilt", [0.0, 0.2])
-def test_contact_on_a_plane_of_many_cells_equals_that_on_one_cell(yaw, tilt):
+def test_contact_on_a_plane_does_not_depend_on_the_number_of_cells(yaw, tilt):
     """Normal and penetration are equal for any heading and tilt of the wheel."""
     grade = tan(0.2), -0.1
     nodes = np.linspace(-3.0, 3.0, 41)

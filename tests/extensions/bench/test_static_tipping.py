@@ -61,7 +61,7 @@ def test_axle_pivot_height_is_the_configured_fraction_of_the_wheel_radius():
         assert above == pytest.approx(0.3 * wheel.radius, abs=1e-3)
 
 
-def test_tipping_angle_on_stiff_tyres_approaches_that_of_a_rigid_body():
+def test_tipping_angle_on_stiff_tyres_approaches_the_rigid_body_value():
     stiff = scenario_of("compact").tractor.model_copy(update={"rear_tyre_stiffness_n_m": 1e9})
     b, L = parts(stiff), stiff.wheelbase_m
     rigid = atan(stiff.track_m / 2 * (L - b.body_x) / (L * b.body_z - b.pivot_z * b.body_x))

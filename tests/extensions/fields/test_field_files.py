@@ -257,14 +257,14 @@ def test_swapped_degrees_are_found_by_the_area_in_the_file(tmp_path, name, hecta
     assert field.notes == (f"latitude and longitude are swapped, because {said}",)
 
 
-def test_area_that_fits_both_orders_of_degrees_keeps_the_given_order(tmp_path):
+def test_degree_order_is_kept_if_the_stated_area_fits_both_orders(tmp_path):
     ring = [[44.0 + x * 1.27e-5, 45.0 + y * 0.9e-5] for x, y in (*RING, RING[0])]
     field = field_of(tmp_path, "a.json", geojson(feature(ring, area=4.54)))
     assert (round(field.plane.latitude), round(field.plane.longitude), field.notes) == (45, 44, ())
 
 
 @pytest.mark.parametrize("area", [4.54, 11.22, 45_400, 0, -1, "4.54", None, float("nan")])
-def test_degrees_in_the_given_order_are_kept_whatever_the_area_in_the_file(tmp_path, area):
+def test_valid_degree_order_is_kept_for_any_area_stated_in_the_file(tmp_path, area):
     field = field_of(tmp_path, "a.json", geojson(feature(degrees(RING), area=area)))
     assert field.plane == pytest.approx(ORIGIN, abs=1e-6)
     assert field.notes == ()

@@ -130,7 +130,7 @@ def test_true_work_of_a_link_run_follows_the_section_states_of_the_host(driven):
     assert one_sided[1] == pytest.approx(y[-1], abs=0.02)  # the left half
 
 
-def test_field_compare_reports_a_recorded_strip_beside_the_true_one(driven, call, tmp_path):
+def test_field_compare_reports_a_strip_recorded_beside_the_true_strip(driven, call, tmp_path):
     passes = work_of_run(driven / "run", START, WIDTH, 2).passes
     t, x, _ = positions(driven)
     west, south, _, north = passes[0].bounds
@@ -151,7 +151,7 @@ def test_field_compare_reports_a_recorded_strip_beside_the_true_one(driven, call
     assert (tmp_path / "out" / "recorded.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_host_without_section_states_works_while_it_steers(driven, tmp_path):
+def test_sections_work_while_a_host_without_section_states_steers(driven, tmp_path):
     table = pq.read_table(driven / "run" / "link.parquet")
     silent = encode(SteerData(1.5, 1, 0.0, 255, 0))
     way, data = (table[name].to_pylist() for name in ("direction", "bytes"))

@@ -102,7 +102,7 @@ def test_correction_map_stays_within_its_bound() -> None:
     assert state.map_.max() == pytest.approx(0.3)
 
 
-def test_worse_correction_map_is_replaced_by_the_best_one_during_a_lap() -> None:
+def test_worse_correction_map_is_replaced_by_the_best_map_during_a_lap() -> None:
     """From the third lap on, the error is ten times the error of the second lap, which was the best."""
 
     def error(lap: float, rest: float) -> float:

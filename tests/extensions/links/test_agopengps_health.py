@@ -146,7 +146,7 @@ def test_scan_is_answered_with_the_address_of_the_board():
     assert reply == ScanReply(126, (192, 168, 5, 77), (192, 168, 5))
 
 
-def test_board_address_is_that_of_the_interface_towards_the_host():
+def test_board_has_the_address_of_the_interface_towards_the_host():
     own, other = free_ports()
     with UdpSockets("127.0.0.1", own, other) as sockets:
         assert sockets.address == (127, 0, 0, 1)

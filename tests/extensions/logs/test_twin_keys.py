@@ -43,7 +43,7 @@ def test_scenario_keys_of_a_twin_contain_the_identified_sensor_errors(calibrated
     UTILITY.changed({key: each.value for key, each in keys.items()})
 
 
-def test_latency_above_that_of_the_receiver_is_written_as_a_fault(calibrated):
+def test_latency_above_the_receiver_latency_is_written_as_a_fault(calibrated):
     (fault,) = twin_faults(calibrated)
     assert fault["kind"] == "heading_delay"
     assert fault["delay_s"] == pytest.approx(LATE_ROWS * TICK_S, abs=1.001 * TICK_S)

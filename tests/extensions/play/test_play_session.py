@@ -128,7 +128,7 @@ def test_lower_friction_increases_the_lateral_slide_on_a_slope():
 
 
 @pytest.mark.parametrize("name", ADJUSTMENTS)
-def test_slider_adds_a_fault_until_it_is_returned_to_neutral(session, name):
+def test_slider_adds_a_fault_until_the_slider_returns_to_neutral(session, name):
     each = ADJUSTMENTS[name]
     drive(session, 2)
     session.adjust(name, each.high if each.high != each.neutral else each.low)
@@ -178,7 +178,7 @@ def test_each_fault_kind_is_injected_or_rejected_with_a_message(session):
     assert injected > 10
 
 
-def test_restoring_a_state_discards_the_inputs_after_it(session, tmp_path):
+def test_restoring_a_state_discards_all_later_inputs(session, tmp_path):
     drive(session, 30, 0.1)
     session.adjust("dead_band", 0.5)
     session.mark()
@@ -274,7 +274,7 @@ def test_stick_sets_the_steering_angle_and_triggers_change_the_speed(session):
     assert (driver.angle, driver.speed) == (0.0, pytest.approx(2.5))
 
 
-def test_gamepad_state_is_ignored_when_it_is_invalid_or_old():
+def test_invalid_or_old_gamepad_state_is_ignored():
     pad = Gamepad()
     pad.receive('{"steer": 0.05, "drive": 7, "pressed": ["stop", "unknown"]}')
     seen = pad.seen

@@ -159,7 +159,7 @@ def test_page_sends_the_state_of_a_gamepad_to_the_server():
 
 
 @alone
-def test_models_dropped_on_the_page_are_not_kept():
+def test_models_dropped_on_the_play_page_are_not_kept():
     handle, viewer = web.launch(0, False, [], [], Gamepad())
     wait_for(viewer.port)
     site = f"127.0.0.1:{viewer.port}"

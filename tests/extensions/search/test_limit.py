@@ -360,7 +360,7 @@ def hard_and_sound(limits):
         ({"flat": 9.0, "rough": 2.0}, "; not comparable: one limit is out of range"),
     ],
 )
-def test_limit_is_reported_with_that_of_the_undisturbed_baseline(limits, text):
+def test_limit_is_reported_with_the_limit_of_the_baseline(limits, text):
     scenario = load_scenario("figure_eight", {"terrain": {"kind": "rough"}, "duration_s": 1.0})
     question = Question(KEY, 0.0, 4.0, "lateral_rms > 0.3")
     condition, beside = Condition(question.until, METRICS), {"terrain": {"kind": "flat"}}

@@ -86,7 +86,7 @@ def test_valve_is_identified_for_other_valves_and_both_plants(plant, valve):
 
 
 @pytest.mark.parametrize(("plant", "valve"), by_turns(PLANTS, VALVES))
-def test_steering_rate_limit_is_identified_from_a_run_that_reaches_it(plant, valve):
+def test_steering_rate_limit_is_identified_from_a_run_at_the_limit(plant, valve):
     log = log_of("valve_identification", plant, valve)
     found = identify(log.signals)
     check(found, log.scenario, plant)

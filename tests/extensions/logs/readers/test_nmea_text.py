@@ -278,7 +278,7 @@ def test_gnss_sentences_after_many_of_another_instrument_are_read(tmp_path):
 
 
 @pytest.mark.parametrize(("mode", "quality"), [("RRRR", 4), ("FRNN", 4), ("FDAN", 5), ("DANN", 2), ("ANNN", 1)])
-def test_fix_quality_of_a_gns_sentence_is_that_of_its_best_mode(tmp_path, mode, quality):
+def test_fix_quality_of_a_gns_sentence_follows_from_its_best_mode(tmp_path, mode, quality):
     lines = [f"$GNGNS,{timed(k)},{place_of(k)},{mode},31,0.5,35.0,0.0,1.0,0,V" for k in range(9)]
     lines += [f"$GNGNS,{timed(9)},,,,,NNNN,0,99.9,,,,,V"]
     (tmp_path / "log").write_text("\n".join(map(checked, lines)))

@@ -101,7 +101,7 @@ def test_invalid_risk_options_are_rejected():
     assert "no failure in" in found.statement
 
 
-def test_certain_failure_has_the_confidence_interval_of_direct_runs():
+def test_risk_interval_of_a_certain_failure_is_the_wilson_interval():
     found = risk_of(WHOLE._replace(top=-70), particles=20, repeats=3)
     assert (found.estimate.probability, found.estimate.high, found.worth) == (1.0, 1.0, 60)
     assert found.estimate.low == pytest.approx(60 / (60 + 1.96**2), abs=1e-4)
@@ -155,7 +155,7 @@ class Finished(NamedTuple):
 
 
 @pytest.mark.parametrize(("empty", "warned"), [(1, False), (2, True)])
-def test_many_splittings_without_failure_are_reported(empty, warned):
+def test_report_states_that_many_splittings_found_no_failure(empty, warned):
     """The distribution of the estimates is then so skewed that their spread is too small."""
     done = [Finished(Split(1e-4 * (k >= empty), 1e-3, 1, ((0.5, 1e-3),), 40)) for k in range(5)]
     statement = answer(SCENARIO, RiskQuestion("xte_abs_max > 1", 10, 5), done).statement
