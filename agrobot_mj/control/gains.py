@@ -40,7 +40,7 @@ TUNED: Mapping[str, Mapping[str, float]] = {
 def gains_of(law: str, guidance: GuidanceLaw, which: Gains) -> Mapping[str, float]:
     """Return the tuned gains of the law named `law` by dotted scenario key.
 
-    The mapping is empty for a law without tuned gains. If `which` is "paper", it is also empty for the laws `PAPER`,
-    which then have their default gains.
+    The mapping is empty for a law without tuned gains. If `which` is "paper", the mapping is also empty for the
+    laws `PAPER`, which then have their default gains.
     """
     return {} if which == "paper" and law in PAPER else {**TUNED, **guidance.tuned}.get(law, {})

@@ -1,7 +1,7 @@
 """Monitors of the supervisor: each has a signal, a limit, a maximum time above the limit, and a reason for a stop.
 
 The first monitors compare position, steering angle, pedal and speed with the path and the commands, and check
-the estimator state. The other monitors are independent of the estimator. They detect:
+the estimator state. The other monitors are independent of the estimator and detect:
 - repeated fixes, and fixes that contradict their velocity or dead reckoning;
 - wheels slower than the fixes;
 - a yaw rate that contradicts the steering angle or the course of the fixes;

@@ -91,7 +91,8 @@ long enough to filter steering-angle noise of 1 deg."""
 STANDING_SPEED, STANDING_TICKS = 0.05, 10
 """Maximum wheel speed [m/s] and minimum duration [ticks] of a standstill. Assumed values: the speed noise and 0.5 s."""
 SWAY, SWAY_S = 0.15, 5.0
-"""Relative error of changes in modelled sideslip [-], and twice its correlation time [s]. Assumed values for ruts."""
+"""Relative error of changes in modelled sideslip [-], and twice the correlation time of this error [s]. Assumed values
+for ruts."""
 STEADY_S = 20.0
 """Time constant of the low-pass filter of the modelled sideslip [s]. Assumed value: the duration of a half turn. The
 uncertainty of the tyre compliance covers sideslip that lasts longer, for example on a contour line."""

@@ -123,7 +123,7 @@ class Payload(Scripted):
 class Drawbar(Scripted):
     """Pull of a plough, cultivator or trailer at the hitch, against the motion; constant or varying with the soil.
 
-    The varying pull has a log-normal distribution. It is therefore never negative, and its mean is `pull_n`.
+    The varying pull has a log-normal distribution with the mean `pull_n`, so that the pull is never negative.
     """
 
     machine = True

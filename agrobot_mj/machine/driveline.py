@@ -66,10 +66,10 @@ class Driveline(Spec):
     """Whether a shaft also drives the front axle, through an open front differential."""
     lock_release_deg: ReleaseDeg | None = None
     """Steering angle above which the differential lock is released [deg]. The lock engages again 3 deg below this
-    angle, or at half of it if that is larger. Default: never released. Assumed value (range 5-15)."""
+    angle, or at half this angle if half is larger. Default: never released. Assumed value (range 5-15)."""
     front_release_deg: ReleaseDeg | None = None
     """Steering angle above which the front-wheel drive is released [deg]. The drive engages again 3 deg below this
-    angle, or at half of it if that is larger. Default: never released. Assumed value (range 20-30)."""
+    angle, or at half this angle if half is larger. Default: never released. Assumed value (range 20-30)."""
     front_engage_slip: Annotated[float, Field(gt=0, lt=1)] | None = None
     """Slip of the rear wheels at which the front-wheel drive engages [-]. The drive is released at half this slip.
     Default: engaged at any slip. Assumed value (range 0.05-0.15)."""

@@ -16,7 +16,7 @@ from agrobot_mj.core.spec import NonNegative, Spec
 from agrobot_mj.machine.tractor import TractorParameters
 
 DRY_GRIP = 0.75
-"""Friction coefficient of a tyre on dry ground that is steered at standstill [-]. Assumed value (range 0.6-0.8 in the
+"""Friction coefficient of a tyre that is steered at standstill on dry ground [-]. Assumed value (range 0.6-0.8 in the
 field)."""
 
 

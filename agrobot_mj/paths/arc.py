@@ -111,8 +111,8 @@ def progress(t: float, ramp: float) -> tuple[float, float]:
 
 
 def time_at(moved: float, ramp: float) -> float:
-    """Return the time [s] for a distance equal to full speed times `moved` [s], for a start from rest with a speed ramp
-    of `ramp` [s]."""
+    """Return the travel time [s] from rest, with a speed ramp of `ramp` [s], over the distance that a tractor at full
+    speed covers in `moved` [s]."""
     return moved + ramp / 2 if moved >= ramp / 2 else sqrt(2 * ramp * moved)
 
 

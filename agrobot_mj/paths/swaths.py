@@ -18,7 +18,7 @@ class Swaths(Parallel):
     heading_deg: float = 0.0
     """Direction of the first pass [deg], counter-clockwise from east."""
     first_turn: Literal["left", "right"] = "left"
-    """Side of the first pass on which the other passes lie, as seen in its direction of travel."""
+    """Side of the first pass on which the other passes lie, relative to the travel direction of the first pass."""
 
     @property
     def orientation(self) -> tuple[float, float]:

@@ -131,7 +131,7 @@ class RunningPlant(ABC):
     """Plant (simulated tractor) in a run.
 
     The compiled functions of a subclass have the signatures `steps_form`, `look_form` and, with an implement,
-    `report_form`. They use the parameters and the state in `rig`.
+    `report_form`. These functions use the parameters and the state in `rig`.
     """
 
     scene: Scene

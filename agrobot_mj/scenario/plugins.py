@@ -181,8 +181,8 @@ def _family(member: type[Spec]) -> list[Key]:
 
 
 def _with_member(annotation: Any, member: type[Spec], instead: type[Spec] | None) -> Any:
-    """Return the annotation with `member` added to its union. `member` replaces its older version `instead`, if
-    given."""
+    """Return the annotation with `member` added to its union. If `instead` is given, `member` replaces
+    this older version."""
     if get_origin(annotation) is Annotated:
         union, *metadata = get_args(annotation)
         return Annotated[(_with_member(union, member, instead), *metadata)]

@@ -166,8 +166,8 @@ CONDITIONS = Numbers(Conditions)
 class Stage(Generic[Message]):
     """Wrapper that calls one stage, such as the estimator, and checks the result.
 
-    `update` and `ask` raise `NotFiniteError` if the arithmetic fails or a number is not finite. They raise
-    `ScenarioError` for a message of a wrong type.
+    `update` and `ask` raise `NotFiniteError` if the arithmetic fails or a number is not finite, and `ScenarioError` for
+    a message of a wrong type.
     """
 
     def __init__(

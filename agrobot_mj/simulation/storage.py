@@ -33,7 +33,7 @@ Writer = Callable[[Path], None]  # Function that writes a file at the given path
 
 @cache
 def can_record() -> bool:
-    """Return whether rerun-sdk is installed. If not, the first call prints the command that installs rerun-sdk."""
+    """Return whether rerun-sdk is installed. Otherwise the first call prints the command that installs rerun-sdk."""
     if is_installed("rerun"):
         return True
     print('no recording: rerun-sdk is not installed; pip install "agrobot-mj[recording]"', file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Height grid from `Elevation.txt`, the heights that AgOpenGPS and AgOpenWeb record while they work a field.
+"""Height grid from `Elevation.txt`, the heights that AgOpenGPS and AgOpenWeb record during field work.
 
 A row contains latitude, longitude [deg], height of the ground [m] and quality of the fix. The surface is a bicubic
 P-spline [Eilers1996] with a thin-plate penalty, which halves waves of the length `WAVE_M`. Weights of a Cauchy

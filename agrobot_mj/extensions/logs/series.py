@@ -17,7 +17,7 @@ LARGEST = 1e100  # Absolute value from which a number counts as missing, in any 
 FEWEST = 4  # Minimum number of values that interpolation needs [-]
 SMOOTHING_S = 1.0  # Duration of the local cubic fits that differentiate headings [s]
 COURSE_S = 2.0
-"""Duration of the local cubic fits for the course rate [s]. It is long, because second derivatives are noisy."""
+"""Duration of the local cubic fits for the course rate [s], which is long because second derivatives are noisy."""
 LOST_S = 2.0
 """Minimum time without fixes that counts as a loss of position [s], or three fix intervals if these are longer."""
 JUMP_M, FASTER, NOISY = 0.5, 2.0, 3.0

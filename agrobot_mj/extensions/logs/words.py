@@ -29,8 +29,8 @@ LOOKAHEAD_M = 2.0
 FOLLOWED = 0.05
 """RMS speed residual, divided by the mean speed, above which the plant does not follow the recorded speed [-]."""
 SAME_GAIN = 0.05
-"""Relative error of the yaw-rate gain above which the error is reported [-]. It is larger than the relative error of a
-measured wheelbase."""
+"""Relative error of the yaw-rate gain above which the error is reported [-], chosen larger than the relative error of
+a measured wheelbase."""
 SLIPLESS = 0.5
 """Residual of a model without slip, divided by the residual of the plant, below which the plant is reported as the
 cause of the difference [-]."""

@@ -50,7 +50,7 @@ class Played(GuidanceLaw):
     """Guidance laws that can take over, as tables with a `kind`. In the inputs, laws are numbered from 1."""
     search_s: Annotated[float, Field(gt=0, le=HUGE)] = 120.0
     """Duration of the path, from its start, that is searched for the nearest point [s]. Default: one lap of the paper's
-    path; `agrobot-mj play` sets the duration of the first lap."""
+    path. `agrobot-mj play` sets this key to the duration of the first lap."""
     _members: tuple[GuidanceLaw, ...] = PrivateAttr(())
 
     @field_validator("laws")

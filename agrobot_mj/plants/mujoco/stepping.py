@@ -202,7 +202,7 @@ def open_relief_valves(v: Views, oil: Oil) -> None:
 def start_step(v: Views, direct: bool, before: bool) -> int:
     """Run the first half of a physics step; return 1 after an error, else 0.
 
-    In a `direct` step MuJoCo computes no constraints. `before` is whether the previous step was direct; if not, the
+    In a `direct` step MuJoCo computes no constraints. `before` is whether the previous step was direct. Otherwise the
     coupling of the knuckles is disabled during the call.
     """
     if not direct:

@@ -58,8 +58,8 @@ def release_torque(plant: MujocoPlant, needed: float) -> float:
 
 
 def deceleration(plant: MujocoPlant, brake: float, speed: float, fast: float, slow: float) -> float:
-    """Return the deceleration by the `brake` (0 to 1) on level ground from a speed `fast` to `slow` [m/s2]. The tractor
-    initially rolls at `speed` [m/s]."""
+    """Return the deceleration [m/s2] by the `brake` (0 to 1) on level ground, between the speeds `fast` and `slow`
+    [m/s]. The tractor initially rolls at `speed` [m/s]."""
     plant.data.qvel[0] = speed
     for wheel, radius in zip(WHEELS, plant.tyred.tyres.radius, strict=True):
         plant.data.qvel[plant.model.joint(f"spin_{wheel}").dofadr[0]] = speed / radius

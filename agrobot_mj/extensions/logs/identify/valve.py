@@ -139,7 +139,7 @@ def _with_play(data: Data, fit: Fitted) -> Fitted:
 
 def _better(data: Data, fit: Fitted, extra: tuple[int, ...], starts: Sequence[tuple[float, ...]]) -> Fitted:
     """Return a fit that includes the parameters `extra`, started from the best of the initial values in `starts`.
-    Return the fit without these parameters if the first of them is not identified."""
+    If the first parameter in `extra` is not identified, return `fit`."""
 
     def begun(start: tuple[float, ...]) -> Array:
         p = fit.p.copy()

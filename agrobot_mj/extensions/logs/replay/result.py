@@ -111,7 +111,7 @@ def reach(recording: FieldRecording) -> float:
 
 
 def _replay_segment(recording: FieldRecording, scenario: Scenario, by: By) -> Driven:
-    """Replay a segment. Its initial pose is fitted to the first metres of the recorded positions, if any."""
+    """Replay a segment. If positions are recorded, the initial pose is fitted to the first metres of the positions."""
     pose = start_pose(recording, scenario.tractor.wheelbase_m)
     if recording.position is not None:
         first = recording._replace(end=max(first_metres_end(recording), recording.start + 1.0))

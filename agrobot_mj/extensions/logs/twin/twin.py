@@ -160,7 +160,8 @@ def twin(
 
 
 def _behind(recording: FieldRecording, backlash: float) -> FieldRecording:
-    """Return the recording with the wheel angle after the steering play instead of the sensor angle."""
+    """Return the recording with the wheel angle instead of the sensor angle. The wheels lag the sensor by half the
+    `backlash` [rad]."""
     assert recording.steer is not None
     t, sensor = recording.steer
     return recording._replace(steer=TimeSeries(t, wheel_angle(sensor, float(np.median(np.diff(t))), backlash, 0.0)))

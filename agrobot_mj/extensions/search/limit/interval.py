@@ -28,7 +28,7 @@ def sequential_interval(successes: int, runs: int, confidence: float) -> tuple[f
 
 @cache
 def _lower(successes: int, failures: int, confidence: float) -> float:
-    """Return the lower end of the sequential interval: the success rate whose likelihood ratio equals its limit."""
+    """Return the lower end of the sequential interval: the rate at which the likelihood ratio equals its limit."""
     if successes == 0:
         return 0.0
     bound, observed = log(2.0 / (1.0 - confidence)), successes / (successes + failures)

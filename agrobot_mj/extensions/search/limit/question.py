@@ -53,7 +53,7 @@ class Tried(NamedTuple):
     outcomes: dict[str, int]
     unexpected: int  # Number of runs whose outcome differs from the expected outcome of the scenario
     independent: bool = True
-    """Whether the seeds affect the runs. If not, only one run counts, and the interval has zero width."""
+    """Whether the seeds affect the runs. Otherwise only one run counts, and the interval has zero width."""
     medians: Mapping[str, float] = MappingProxyType({})
     """Median of each metric in the condition, over the runs that have a value."""
 

@@ -1,10 +1,11 @@
 """Search for the value of one key at which a guidance law begins to fail, with several seeds.
 
 A law *holds* at a value if the lower end of the sequential interval [Robbins1970] of its success rate is at least the
-required reliability. It *fails* if the upper end is below. Runs are added until one of these is true or all seeds are
-used. In the latter case the success rate decides, and the value is uncertain. If seeds have no effect, one run decides.
+required reliability. The law *fails* if the upper end is below this reliability. Runs are added until the law holds or
+fails. If all seeds are used before, the success rate decides, and the value is uncertain. If seeds have no effect, one
+run decides.
 
-First, the search evaluates equidistant values, starting at the end of the range where the law should hold. Then it
+First, the search evaluates equidistant values, starting at the end of the range where the law should hold, and then
 bisects the first change from holding to failing. Both values next to the change get more runs, which may shift the
 change. The result also states whether the law holds again at farther values, never fails, or fails at the start.
 """
@@ -122,7 +123,8 @@ class _Search:
             good, bad = (each.value for each in change)
             middle = self._value((good + bad) / 2)
             if abs(bad - good) > self.q.resolution and middle not in (good, bad):
-                return self._try(middle)
+                self._try(middle)
+                return True
             shown = list(change)
         else:
             shown = [tried[-1] if tried[0].holds else tried[0]]
@@ -132,14 +134,13 @@ class _Search:
             self.done(self.tried[each.value])
         return bool(short)
 
-    def _try(self, value: float) -> bool:
-        """Simulate runs at a value until the success rate is certain or all seeds are used. Return True."""
+    def _try(self, value: float) -> None:
+        """Simulate runs at a value until the success rate is certain or all seeds are used."""
         for batch in _batches(self.q) if value not in self.tried else ():
             self._drive(value, batch)
             if self.tried[value].certain:
                 break
         self.done(self.tried[value])
-        return True
 
     def _drive(self, value: float, count: int) -> None:
         runs = self.runs.setdefault(value, [])

@@ -126,8 +126,8 @@ def figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: st
     """Return a figure of the probability of exceeding each level of the margin, and of the trajectories of two runs.
 
     Each thin line is one execution of the splitting algorithm, the thick line is their mean, and the dashed line is the
-    failure probability. Levels are extrapolated margins or values of `score`. They differ from the margins in the other
-    panel, and a level above 0 is not necessarily a failure.
+    failure probability. Levels are extrapolated margins or values of `score`. Levels differ from the margins in the
+    other panel, and a level above 0 is not necessarily a failure.
     """
     drawn, chances, _ = courses_figure(courses, ("a run", "a failure"))
     levels, mean = _mean(splits)
