@@ -1,8 +1,8 @@
 """Compiled equations of a Kalman filter: prediction of the covariance, correction, and both in one call.
 
-The results equal those of `KalmanFilter` and `ExtendedKalmanFilter` of filterpy, which take 60 us in Python for small
-matrices. Plain loops are faster here than calls to a linear algebra library. Shapes are (n,) for the mean, (n, n) for
-the covariance and (m,) for a measurement; the units depend on the filter.
+The results equal the results of `KalmanFilter` and `ExtendedKalmanFilter` of filterpy, which take 60 us in Python for
+small matrices. Plain loops are faster here than calls to a linear algebra library. Shapes are (n,) for the mean, (n, n)
+for the covariance and (m,) for a measurement; the units depend on the filter.
 """
 
 import numpy as np

@@ -96,7 +96,7 @@ def pass_to_pass(path: Parallel, time: Array, x: Array, y: Array) -> dict[str, A
 
 
 def driven_passes(path: Parallel, time: Array, x: Array, y: Array) -> list[Passed]:
-    """Return the driven part of each pass in driving order. The arguments are the same as those of `pass_to_pass`."""
+    """Return the driven part of each pass in driving order. The arguments are the same as for `pass_to_pass`."""
     origin = path.at(0.0)
     c, s = cos(origin.yaw), sin(origin.yaw)
     found = []

@@ -16,7 +16,7 @@ LEAST_SPEED = 0.1  # Minimum absolute speed in the conversion of a yaw rate to a
 def command_of(loop: Loop, given: dict[str, float], speed: float | None) -> Command:
     """Return the command for at most one steering argument, `given` by name, and a speed [m/s].
 
-    Without a steering argument the guidance law steers. If `speed` is None, the speed is that of the reference. Raises
+    Without a steering argument the guidance law steers. If `speed` is None, the reference gives the speed. Raises
     `CommandError` or TypeError for invalid arguments.
     """
     numbers = given if speed is None else {**given, "speed": speed}

@@ -232,7 +232,7 @@ class Simulation:
 
     def _require_whole(self) -> None:
         if self._broken_off:
-            raise CommandError("an error interrupted the last step; call reset(), or restore() a state saved before")
+            raise CommandError("an error interrupted the last step; call reset(), or restore() with an earlier state")
 
     def _last(self) -> Measurement:
         """Return the last measurement, or `NOTHING` if the run ended before the first measurement."""

@@ -91,7 +91,7 @@ MEANINGS = {
     "lateral MSE [m2]": "mean square of the lateral error relative to the time-based reference",
     "turn 1": "lateral MSE in the first turn of the path",
     "turn 2": "lateral MSE in the second turn of the path",
-    "/ pd": "lateral MSE divided by that of pd with the same plant, seed and field",
+    "/ pd": "lateral MSE divided by the lateral MSE of pd with the same plant, seed and field",
     "xte rms [m]": "root mean square distance from the path (cross-track error)",
     "estimator [m]": "estimator part of the cross-track error (true minus estimated position), root mean square",
     "guidance [m]": "guidance part of the cross-track error (estimated position minus path), root mean square",
@@ -175,7 +175,7 @@ def conclusion(rows: Sequence[Mapping[str, Any]]) -> list[str]:
             continue
         seeds = f"all {n} seeds" if (n := len(errors[best])) > 1 else f"seed {next(iter(errors[best]))}"
         text = f"{plant}: {best} has the smallest lateral mean square error in {seeds}"
-        text += f", {means[best] / means[others[0]]:.2f} times that of {others[0]}"
+        text += f", {means[best] / means[others[0]]:.2f} times the error of {others[0]}"
         if best in first:
             text += f" and {means[best] / first[best]:.2f} times its error on {_plants(rows)[0]}"
         found.append(text)

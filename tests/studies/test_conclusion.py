@@ -19,8 +19,8 @@ def test_conclusion_names_the_best_law_of_each_plant():
         row("mujoco", "net", 1, 0.1),
     ]
     assert conclusion(rows) == [
-        "bicycle: net has the smallest lateral mean square error in seed 1, 0.25 times that of pd",
-        "mujoco: net has the smallest lateral mean square error in seed 1, 0.25 times that of pd"
+        "bicycle: net has the smallest lateral mean square error in seed 1, 0.25 times the error of pd",
+        "mujoco: net has the smallest lateral mean square error in seed 1, 0.25 times the error of pd"
         " and 2.00 times its error on bicycle",
     ]
 

@@ -60,8 +60,8 @@ def field_compare(
 ) -> Answer:
     """Compare the worked area in AgOpenGPS with the true area.
 
-    The true area is that of a run of the command link. Reads Sections.txt, prints the areas and writes recorded.json
-    and recorded.png.
+    The true area is the worked area of a run of the command link. Reads Sections.txt, prints the areas and writes
+    recorded.json and recorded.png.
     """
     from agrobot_mj.core.errors import ScenarioError, import_extra
 

@@ -25,7 +25,7 @@ PlanWidth = Annotated[
         min=0.3,
         max=60,
         callback=finite,
-        help="Working width [m]. Default: 3, or that of the plan.",
+        help="Working width [m]. Default: 3, or the width of the plan.",
     ),
 ]
 Headlands = Annotated[

@@ -131,7 +131,7 @@ def _switching(file: Path) -> tuple[Array, Array]:
 
 
 def _table(file: Path, columns: Sequence[str]) -> pa.Table:
-    """Return those of the columns that a file of a run contains. Raise `ScenarioError` for an unusable file."""
+    """Return the columns in `columns` that a file of a run contains. Raise `ScenarioError` for an unusable file."""
     if not file.is_file():
         raise ScenarioError(f"{file}: {absence(file, 'specify the folder of a run of the command link')}")
     try:

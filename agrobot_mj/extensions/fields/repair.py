@@ -124,8 +124,8 @@ def _simplify(points: Array, what: str, notes: list[str]) -> Array:
 
 
 def _without_equal(points: Array, kept: Index) -> Index:
-    """Return those of the indices `kept` whose ring point differs from the previous kept point. The last points also
-    differ from the first point."""
+    """Return the indices in `kept` whose ring point differs from the previous kept point. The last points also differ
+    from the first point."""
     found: Index = kept[distinct(points[kept])]
     near_start = np.hypot(*(points[found] - points[found[0]]).T) < CLOSEST_M
     return found[: np.flatnonzero(~near_start)[-1] + 1] if not near_start.all() else found[:1]

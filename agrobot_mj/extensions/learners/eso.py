@@ -1,15 +1,15 @@
 """Extended-state observer for Stanley's law or LQR, which estimates and compensates disturbances of the path errors.
 
 The model states are cross-track error e_y and heading error e of the CG, crab angle b and disturbance curvature d. Both
-b and d vary slowly. The input is the steering angle delta relative to its feedforward value. Slip length a and
-effective wheelbase L are those of the inner law; u is the speed, w the yaw rate relative to the path.
+b and d vary slowly. The input is the steering angle delta relative to its feedforward value. The inner law gives the
+slip length a and the effective wheelbase L; u is the speed, w the yaw rate relative to the path.
 
     e_y' = u (e + b) + a w,   e' = w,   w = u (delta / L + d)
 
 An observer with two poles at -omega estimates each disturbance from the difference of a measured error y and its
 observed value z: z' = ... + 2 omega (y - z), and the derivative of the disturbance is omega^2 (y - z) / u. The inner
 law acts on the course error e + b instead of the heading error e, so that a crab angle causes no offset. -L d is added
-to the command. The structure is that of [Han2009].
+to the command. The structure follows [Han2009].
 """
 
 from collections.abc import Sequence

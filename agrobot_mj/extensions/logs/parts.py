@@ -52,7 +52,7 @@ class Job:
         maps = [log_map or each.checked_map() for each in found]
         if other := [log for log, each in zip(self.logs, maps, strict=True) if each != maps[0]]:
             more = "use one type of log at a time, or specify --map"
-            raise ScenarioError(f"{other[0]}: the columns differ from those of {self.logs[0]}; {more}")
+            raise ScenarioError(f"{other[0]}: the columns differ from the columns of {self.logs[0]}; {more}")
         return [load_table(each.source) for each in found], maps[0]
 
     @cached_property

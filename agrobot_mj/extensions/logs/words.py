@@ -260,16 +260,16 @@ def doubts(found: ReplayResult, tractor: TractorParameters, scaled: bool = False
         if abs(off) > MOVED_DEG:
             side = "right" if off > 0 else "left"
             yield (
-                f"The yaw rate of the plant minus that of the recorded heading is {degrees(rate['bias']):+.2f} deg/s "
-                f"on average. A heading has no bias, so the wheels are probably {abs(off):.1f} deg further to the "
-                f"{side} than in the map: check whether the steering sensor has moved (steer.offset)"
+                f"The yaw rate of the plant minus the rate of the recorded heading is {degrees(rate['bias']):+.2f} "
+                f"deg/s on average. A heading has no bias, so the wheels are probably {abs(off):.1f} deg further to "
+                f"the {side} than in the map: check whether the steering sensor has moved (steer.offset)"
             )
     if not (rate := m["yaw_rate"]) or rate["explained"] is None:
         return
     if rate["explained"] < 0 or (rate["gain"] or 0.0) > WRONG_GAIN:
         yield (
-            "The yaw rate of the plant does not explain the recorded one: check sign (positive) and unit of [steer], "
-            f"[speed] and [{'heading' if rate['source'] == 'heading' else 'yaw_rate'}] in the map"
+            "The yaw rate of the plant does not explain the recorded yaw rate: check sign (positive) and unit of "
+            f"[steer], [speed] and [{'heading' if rate['source'] == 'heading' else 'yaw_rate'}] in the map"
         )
     elif rate["explained"] > 0.5 and abs(rate["gain"] - 1.0) > SAME_GAIN and m["duration_s"] > JUDGED_S:
         yield f"The machine turns {rate['gain']:.2f} times as fast as the plant: {_why(rate, scaled)}"
@@ -303,8 +303,10 @@ def _way_doubts(place: dict[str, Any] | None) -> Iterator[str]:
     )
     if (off := abs(place["stretch"] - 1.0)) > SAME_LENGTH:
         unit = "check the unit of [speed] and the columns of [position] in the map"
-        why = unit if off > SAME_UNIT else "the scale of [speed] is wrong, or the slip differs from that of the plant"
-        yield f"The recorded track is {place['stretch']:.3f} times as long as that of the plant: {why}"
+        why = (
+            unit if off > SAME_UNIT else "the scale of [speed] is wrong, or the slip differs from the slip of the plant"
+        )
+        yield f"The recorded track is {place['stretch']:.3f} times as long as the track of the plant: {why}"
 
 
 def twin_sentences(t: Twin) -> list[str]:

@@ -1,4 +1,4 @@
-"""Quantities that the driver can adjust. Some change at once, by a fault; others at the next start of the drive."""
+"""Quantities that the driver can adjust. Some quantities change at once, by a fault, and others at the next start."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple

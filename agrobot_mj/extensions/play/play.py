@@ -89,7 +89,7 @@ class Play:
         self.curve: list[CurvePoint] = []
 
     def restart(self, settings: NextStart) -> None:
-        """Save the current drive and start a new one, or continue the drive if a setting is invalid."""
+        """Save the current drive and start a new drive, or continue the drive if a setting is invalid."""
         before = self.session
         try:
             self.start(restart_scenario(before.base, settings))

@@ -44,7 +44,8 @@ class Mounted(ImplementBase):
     cg_height_m: Length = 0.45
     """Height of the centre of mass above level ground [m]. Assumed value (range 0.3-0.6)."""
     length_m: Length = 0.9
-    """Length of the frame, whose inertia is that of a box of equal dimensions [m]. Assumed value (range 0.6-1.5)."""
+    """Length of the frame [m]. The frame has the inertia of a box of the same dimensions. Assumed value (range
+    0.6-1.5)."""
     width_m: Length = 0.7
     """Width of the frame [m]. Assumed value (range 0.5-1.5)."""
     height_m: Length = 0.5

@@ -130,7 +130,7 @@ def test_steering_column_with_wrong_sign_or_unit_is_reported(driven, scale):
     turned = with_column(driven.signals, "steer_measured", scale * driven.column("steer_measured"))
     found = replay(turned, None, driven.scenario)
     assert "does not explain" not in summary(right, driven.scenario.tractor)
-    assert "does not explain the recorded one: check sign (positive) and unit of [steer]" in summary(
+    assert "does not explain the recorded yaw rate: check sign (positive) and unit of [steer]" in summary(
         found, driven.scenario.tractor
     )
 
@@ -155,7 +155,9 @@ def test_calibrated_steering_scale_is_not_reported_as_suspect(driven, reads, sca
 def test_wrong_speed_unit_is_detected_from_the_track_length(driven):
     slow = replay(with_column(driven.signals, "speed_hat", driven.column("speed_hat") / 1.609), None, driven.scenario)
     assert slow.metrics["position"]["stretch"] == pytest.approx(1.609, rel=0.01)
-    assert "times as long as that of the plant: check the unit of [speed]" in summary(slow, driven.scenario.tractor)
+    assert "times as long as the track of the plant: check the unit of [speed]" in summary(
+        slow, driven.scenario.tractor
+    )
 
 
 def test_track_length_ratio_does_not_depend_on_steering_errors(driven):

@@ -3,7 +3,7 @@
 A rear wheel on the rig carries its static load. The wheel is either locked and pulled at an angle to its heading, or
 spins while moving sideways. Friction acts opposite to the sliding velocity (v_x - v_rim, v_y). Above 80 % slip, the
 force may deviate from this direction by at most 5 degrees. The tolerance includes the motion resistance of soil, which
-acts along the heading. On soil, the net traction must equal that of the standard [ASAE2003] up to 95 % slip,
+acts along the heading. On soil, the net traction must agree with the standard [ASAE2003] up to 95 % slip,
 
     F_x / W = 0.88 (1 - exp(-0.1 B_n)) (1 - exp(-7.5 s)) - 1 / B_n - 0.5 s / sqrt(B_n),
 

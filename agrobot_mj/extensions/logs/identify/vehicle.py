@@ -87,7 +87,7 @@ def identify_vehicle(
     """Fit parameters `names` (keys of `CHOICES`) to the first fraction `share` of a log, and evaluate the fit on the
     rest.
 
-    Mass, yaw inertia, wheelbase and load fraction are those of the scenario. The model for a `bicycle` plant assumes
+    The scenario gives mass, yaw inertia, wheelbase and load fraction. The model for a `bicycle` plant assumes
     small angles. Raises `FieldLogError` for an unsuitable log, `NothingExplainedError` if the fit explains too
     little variance or is implausible.
     """

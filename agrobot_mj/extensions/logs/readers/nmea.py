@@ -46,7 +46,7 @@ class _Sentences:
         self.early, self.kept, self.unclear, self.first_unclear = 0, 0, 0, ""
         self.valid, self.invalid = set[str](), dict[str, Any]()
         """Types of sentences with a valid checksum. For each type, the number of sentences without a valid checksum,
-        and the line number and text of the first one."""
+        and the line number and text of the first such sentence."""
         self._counted, self._line = 0, 1
         self._void = data.find(b"RMC,") >= 0  # whether the latest RMC sentence reports no fix, or has yet to come
 

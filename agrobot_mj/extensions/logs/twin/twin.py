@@ -135,7 +135,7 @@ def twin(
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> Twin:
-    """Identify the digital twin of a machine from logs with a common map. Sizes and masses are those of `scenario`.
+    """Identify the digital twin of a machine from logs with a common map. `scenario` gives sizes and masses.
 
     Raises `FieldLogError` for unsuitable logs, `ScenarioError` if no map fits.
     """

@@ -118,7 +118,7 @@ def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
         )
     if not (isfinite(q.start) and isfinite(q.stop)) or q.start == q.stop:
         raise ScenarioError(
-            f"--range {q.start:g}:{q.stop:g}: specify two different numbers, first one at which the laws succeed"
+            f"--range {q.start:g}:{q.stop:g}: specify two different numbers A:B, where the laws succeed at A"
         )
     if not isfinite(q.stop - q.start):
         raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: the range is wider than 1.8e308; specify a narrower one")
