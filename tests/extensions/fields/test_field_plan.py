@@ -279,9 +279,11 @@ def test_plan_summary_counts_each_section_and_names_the_largest_gap():
     whole = plan_text(make_plan(RECTANGLE, rig, Options()), RECTANGLE, 9.0)[1]
     assert 0.0 < numbers["overlapped_percent"] < whole["overlapped_percent"] < 5.0
     assert "gap" not in text
+    assert "to work more" not in text
     plan = make_plan(RECTANGLE, rig, Options())
-    text, _ = plan_text(replace(plan, passes=plan.passes[:-2]), RECTANGLE, 9.0)
+    text, numbers = plan_text(replace(plan, passes=plan.passes[:2]), RECTANGLE, 9.0)
     assert "; the largest gap is " in text
+    assert ("to work more of the field" in text) == (numbers["missed_percent"] > 10.0)
 
 
 def test_machine_with_a_drawn_implement_plans_forward_only():
