@@ -12,8 +12,8 @@ An open path runs from the first to the last waypoint. A closed path returns to 
 repeated as the last row of the file), runs for `laps` laps, and continues straight. With fillets a lap starts on the
 first leg, after the corner at the first waypoint. A speed column limits the speed in addition to `speed_m_s`; the limit
 is interpolated linearly between waypoints. Repeated points and the scatter at standstill are omitted. A recorded track
-with noise that the tractor cannot follow becomes a spline. A curvature that the tractor cannot follow is an error that
-names the location.
+with noise that the tractor cannot follow becomes a spline. Reverse driving, and a curvature that the tractor cannot
+follow, are errors that name the location.
 
 Waypoints are read from CSV, KML, GeoJSON or GPX, from a file of an AgOpenGPS field, or from a shapefile. The longest
 line of the file is the track. If the file has no lines, its longest ring is used, or else its points in the order of
@@ -39,7 +39,7 @@ from agrobot_mj.paths.fillet import Rounding, round_corners
 from agrobot_mj.paths.from_file import FromFile
 from agrobot_mj.paths.imports import Polyline, clean, local_shapes, read_shapes
 from agrobot_mj.paths.imports.agopengps import BOUNDARY, cut_line
-from agrobot_mj.paths.imports.cleaning import CLOSEST_M
+from agrobot_mj.paths.imports.cleaning import CLOSEST_M, cusps
 from agrobot_mj.paths.track import Course, checked_length, samples, through
 from agrobot_mj.paths.transition import Transitions
 
@@ -124,12 +124,14 @@ def _speeds(speeds: Array, points: Array, rows: Array) -> tuple[Array, list[str]
     return np.where(still, CREEP_M_S, np.minimum(speeds, FASTEST_M_S)), notes
 
 
-DENSE_M, FEWEST_POINTS = 1.0, 20
-"""Maximum median point distance [m] and minimum number of points [-] of a recorded track."""
+DENSE_M, SPARSE_M, FEWEST_POINTS = 1.0, 3.0, 20
+"""Maximum median point distances of a recorded track that is smoothed, and of a recorded track whose reversals are
+cusps [m], and minimum number of points of a recorded track [-]."""
 TIGHTEST = 0.4
 """Minimum bend radius of a recorded track, divided by `corner_radius_m` [-]. Assumed value, near full steering lock."""
 WIDER, LEAST_M, MOST_M = 1.3, 0.005, 1.0
 """Factor between successive smoothing distances in the search for a spline [-], and limits of this distance [m]."""
+FARTHEST_M = 4.0  # Maximum distance of a spline from the recorded points [m]. Assumed value, less than a swath width.
 THIRD_DIFFERENCE = 20.0 * np.log(2.0)
 """Ratio of the median squared third difference of positions with white noise to the mean squared noise [-]."""
 
@@ -153,11 +155,12 @@ def smooth(points: Array, smoothing: float, closed: bool) -> Course:
     return through(x, y, np.arctan2(dy, dx), allowed)
 
 
-def is_recorded(points: Array) -> bool:
-    """Return whether waypoints, shape (n, 2 or 3), come from a recorded track: many points at small distances."""
+def is_recorded(points: Array, distance: float = DENSE_M) -> bool:
+    """Return whether waypoints, shape (n, 2 or 3), come from a recorded track: many points with a median distance below
+    `distance` [m]."""
     if len(points) < FEWEST_POINTS:
         return False
-    return float(np.median(np.hypot(*np.diff(points[:, :2], axis=0).T))) < DENSE_M
+    return float(np.median(np.hypot(*np.diff(points[:, :2], axis=0).T))) < distance
 
 
 def noise(points: Array) -> float:
@@ -166,17 +169,34 @@ def noise(points: Array) -> float:
     return float(np.sqrt(np.median((third**2).sum(axis=1)) / THIRD_DIFFERENCE))
 
 
-def steerable(points: Array, closed: bool, radius: float) -> tuple[Course, float]:
-    """Return the least smoothed spline that the tractor can follow on a recorded track, and its smoothing distance [m].
+def steerable(points: Array, closed: bool, radius: float) -> tuple[Course, str]:
+    """Return the least smoothed spline that the tractor can follow on a recorded track, and a sentence about it.
 
-    The smoothing distance starts at the position noise of the track, and the search ends above MOST_M. The tractor can
-    follow bends with a radius of at least TIGHTEST times `radius` [m].
+    The tractor can follow bends with a radius of at least TIGHTEST times `radius` [m]. The smoothing distance starts at
+    the position noise of the track. If it exceeds MOST_M, or the spline is farther than FARTHEST_M from the points, the
+    track is smoothed by its noise only.
     """
-    amount = max(noise(points), LEAST_M)
-    found = smooth(points, amount, closed), amount
-    while found[0].peaks.max() > 1 / (TIGHTEST * radius) and amount < MOST_M:
+    least, tightest = max(noise(points), LEAST_M), TIGHTEST * radius
+    amount, found, reason = least, smooth(points, least, closed), "its noise"
+    while (tight := found.peaks.max() > 1 / tightest) and amount < MOST_M:
         amount *= WIDER
-        found = smooth(points, amount, closed), amount
+        found, reason = smooth(points, amount, closed), f"bends with a radius below {tightest:.2g} m"
+    if tight or _distances(points, found).max() > FARTHEST_M:
+        amount, found, reason = least, smooth(points, least, closed), "its noise"
+    apart = _distances(points, found)
+    x, y = points[int(np.argmax(apart)), :2].tolist()
+    return found, (
+        f"the recorded track is smoothed with a spline within {amount:.2g} m (rms) and {apart.max():.2g} m (maximum, "
+        f"at ({x:.1f}, {y:.1f}) m) because of {reason}"
+    )
+
+
+def _distances(points: Array, lap: Course) -> Array:
+    """Return the distances of `points`, shape (n, 2 or 3), from a spline through these points [m], shape (n,)."""
+    along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points[:, :2], axis=0).T))))
+    x, y, _ = lap.joints()
+    at = np.linspace(0.0, along[-1], len(x))
+    found: Array = np.hypot(points[:, 0] - np.interp(along, at, x), points[:, 1] - np.interp(along, at, y))
     return found
 
 
@@ -260,11 +280,17 @@ def _lap(path: Waypoints) -> tuple[Course, tuple[str, ...]]:
         reason = str(error)
     if reason.startswith("smoothing_m"):
         raise ValueError(reason)
-    if not is_recorded(points):
-        if reason:
-            raise ValueError(f"file: {path.file}: {reason}")
-        return lap, ()
     if not reason and lap.peaks.max() <= 1 / (TIGHTEST * path.corner_radius_m):
         return lap, ()
-    lap, amount = steerable(points, path.closed, path.corner_radius_m)
-    return lap, (f"the recorded track is smoothed with a spline within {amount:.2g} m (rms) because of its noise",)
+    if is_recorded(points, SPARSE_M) and len(found := cusps(points[:, :2], noise(points))):
+        x, y = points[found[0], :2].tolist()
+        reason = (
+            f"the recorded track reverses at ({x:.1f}, {y:.1f}) m, but waypoints are driven forward; remove the points "
+            "of the manoeuvre, or use a path of the kind manoeuvre"
+        )
+    elif is_recorded(points):
+        lap, note = steerable(points, path.closed, path.corner_radius_m)
+        return lap, (note,)
+    if reason:
+        raise ValueError(f"file: {path.file}: {reason}")
+    return lap, ()

@@ -47,6 +47,7 @@ class Elevation(NamedTuple):
 
     ground: Ground  # Ground whose coordinates are east and north of the start fix [m]
     origin: Origin  # Start fix of the file
+    points: Array  # Points with measured heights, east and north of the start fix [m], shape (n, 2)
     notes: tuple[str, ...]  # Sentence about the omitted rows and about the grid
 
 
@@ -136,7 +137,7 @@ def _fit(origin: Origin, rows: Array, damaged: int) -> Elevation:
     }
     left = ", ".join(f"{count} {reason}" for reason, count in omitted.items() if count)
     note = f"heights are interpolated from {good.sum()} of {damaged + len(rows)} points" + f" ({left})" * bool(left)
-    return Elevation(grid, origin, (f"{note}, with a cell size of {grid.spacing:.3g} m",))
+    return Elevation(grid, origin, points[good], (f"{note}, with a cell size of {grid.spacing:.3g} m",))
 
 
 def interpolate(points: Array, heights: Array) -> tuple[Ground, "np.ndarray[Any, np.dtype[np.bool_]]"]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.paths.imports.shapes import parts_inside
 from agrobot_mj.scenario.hints import hints
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.storage import files_of_run
@@ -23,9 +24,12 @@ def folder(path, a, b, ring=U_SHAPE, name="AB 1"):
     return path
 
 
-def boundary(path, ring):
-    rows = "".join(f"{x:.3f},{y:.3f},0.00000\r\n" for x, y in ring)
-    (path / "Boundary.txt").write_text(f"$Boundary\r\nFalse\r\n{len(ring)}\r\n{rows}", newline="")
+def boundary(path, *rings, drivable="False"):
+    """Write the boundary of a field: the outer ring, and the inner rings."""
+    text = "$Boundary\r\n"
+    for ring in rings:
+        text += f"{drivable}\r\n{len(ring)}\r\n" + "".join(f"{x:.3f},{y:.3f},0.00000\r\n" for x, y in ring)
+    (path / "Boundary.txt").write_text(text, newline="")
 
 
 def scenario(path):
@@ -53,6 +57,40 @@ def test_longest_part_of_an_ab_line_in_a_concave_field_is_used(tmp_path):
     assert ends(folder(tmp_path, (70, 40), (80, 40), wide)) == [[75.0, 40.0], [90.0, 40.0]]
     # along the diagonal, the field ends at the notch, whose left edge is at x = 40
     assert np.array(ends(folder(tmp_path, (5, 5), (10, 10)))) == pytest.approx(np.array([[0, 0], [40, 40]]), abs=0.01)
+
+
+@pytest.mark.parametrize("drivable", ["True", "False"])
+def test_ab_line_is_cut_at_the_inner_rings_of_the_boundary(tmp_path, drivable):
+    path = folder(tmp_path, (20, 10), (30, 10))
+    square, island = ((0, 0), (90, 0), (90, 60), (0, 60)), ((30, 5), (40, 5), (40, 15), (30, 15))
+    boundary(path, square, island, drivable=drivable)
+    assert ends(path) == [[40.0, 10.0], [90.0, 10.0]]
+    told = "path.file: the AB line is cut at Boundary.txt, and the longest of 2 parts is used"
+    assert told in hints(scenario(path))
+
+
+def test_parts_inside_rings_agree_with_shapely():
+    shapely = pytest.importorskip("shapely")
+    rng, count = np.random.default_rng(4), 0
+    for _ in range(200):
+        angles = np.sort(rng.uniform(0, 2 * pi, 12))
+        ring = rng.uniform(30, 90, (12, 1)) * np.column_stack([np.cos(angles), np.sin(angles)])
+        island = rng.uniform(-10, 10, 2) + [(0, 0), (12, 0), (6, 9)]
+        area = shapely.Polygon(ring, [island])
+        line = rng.uniform(-100, 100, (4, 2)).round()
+        if area.is_valid:
+            parts = shapely.MultiLineString([shapely.LineString(part) for part in parts_inside(line, [ring, island])])
+            assert parts.length == pytest.approx(shapely.LineString(line).intersection(area).length, abs=1e-6)
+            assert parts.difference(area.buffer(1e-6)).is_empty
+            count += 1
+    assert count > 50
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.1])
+def test_line_through_corners_of_a_ring_has_one_part(shift):
+    ring = np.array([(0, 0), (10, 0), (10, 5), (5, 5 + shift), (10, 10), (0, 10)])
+    (part,) = parts_inside(np.array([(-5.0, 5.0), (0.0, 5.0), (5.0, 5.0), (30.0, 5.0)]), [ring])
+    assert part[[0, -1]].tolist() == [[0, 5], [10, 5] if shift else [5, 5]]
 
 
 def test_ab_line_without_a_field_extends_200_m_beyond_its_points(tmp_path):

@@ -1,6 +1,7 @@
 """The importer of positions: the same track from every format, and messages for damaged files."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -340,7 +341,7 @@ def test_longer_reversing_and_reversing_into_a_new_direction_are_kept(tmp_path, 
     assert not any("fold" in note for note in clean(track)[1])
     rows = "\n".join(f"{x:.3f},{y:.3f}" for x, y in track)
     (tmp_path / "track.csv").write_text(f"x,y\n{rows}\n", encoding="utf-8")
-    with pytest.raises(ValueError, match="turns back by"):
+    with pytest.raises(ValueError, match=r"the recorded track reverses at \(10\.0, -?0\.0\) m, but waypoints"):
         Waypoints(file=str(tmp_path / "track.csv")).check()
 
 
@@ -350,8 +351,97 @@ def test_reverse_driving_marked_in_a_track_file_is_rejected(tmp_path, column):
     values = np.where(np.append(np.diff(track[:, 0]), 1.0) < 0, -1.0, 1.0)
     rows = "\n".join(f"{x:.3f},{y:.3f},{value:g}" for (x, y), value in zip(track, values, strict=True))
     (tmp_path / "track.csv").write_text(f"x,y,{column}\n{rows}\n", encoding="utf-8")
-    with pytest.raises(ValueError, match=r"turns back by|speed is -1 m/s"):
+    with pytest.raises(ValueError, match=r"track reverses at|speed is -1 m/s"):
         Waypoints(file=str(tmp_path / "track.csv")).check()
+
+
+def spaced(parts, step):
+    """Return the points of polylines at distances of `step` [m]."""
+    found = []
+    for line in parts:
+        along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))))
+        at = np.linspace(0.0, along[-1], max(round(along[-1] / step), 1) + 1)
+        found.append(np.column_stack([np.interp(at, along, axis) for axis in line.T]))
+    return found
+
+
+def arc(centre, radius, first, last):
+    angles = np.radians(np.linspace(first, last, 90))
+    return np.asarray(centre) + radius * np.column_stack([np.cos(angles), np.sin(angles)])
+
+
+def k_turn(back, step):
+    """Return a track that turns left from a pass of 40 m, reverses by `back` [m] from (45, 5) m, and turns left into
+    the next pass."""
+    ahead = np.vstack([[(0, 0)], arc((40, 5), 5, -90, 0)])
+    on = np.vstack([arc((40, 5 - back), 5, 0, 90), [(0, 10 - back)]])
+    return spaced([ahead, np.array([(45, 5), (45, 5 - back)]), on], step)
+
+
+def two_passes(step):
+    """Return a track of two passes of 40 m with a half turn of the radius 6 m."""
+    return spaced([np.vstack([[(0, 0)], arc((40, 6), 6, -90, 90), [(0, 12)]])], step)
+
+
+def waypoints_of(folder, points):
+    """Return the path along a file with `points`."""
+    np.savetxt(folder / "track.csv", points, "%.4f", ",", header="x,y", comments="")
+    return Waypoints(file=str(folder / "track.csv"))
+
+
+def with_noise(parts, noise, stop, correlation=0.0):
+    """Return the points of a track with position noise [m], and `stop` more points at the end of each part."""
+    points = np.vstack([np.vstack([part, np.repeat(part[-1:], stop, axis=0)]) for part in parts])
+    errors = np.random.default_rng(7).normal(0.0, noise, points.shape)
+    for k in range(1, len(errors)):
+        errors[k] = correlation * errors[k - 1] + np.sqrt(1 - correlation**2) * errors[k]
+    return points + errors
+
+
+@pytest.mark.parametrize("stop", [0, 30])
+@pytest.mark.parametrize("step", [0.1, 0.5, 2.0])
+@pytest.mark.parametrize("back", [4.0, 6.0, 8.0])
+def test_recorded_k_turn_is_rejected_with_the_position_of_the_cusp(tmp_path, back, step, stop):
+    points = with_noise(k_turn(back, step), 0.02, stop)
+    with pytest.raises(ValueError, match=r"reverses at \((44\.9|45\.0|45\.1), (4\.9|5\.0|5\.1)\) m"):
+        waypoints_of(tmp_path, points).check()
+
+
+def test_smoothed_track_states_its_maximum_distance_from_the_points(tmp_path):
+    (track,) = spaced([np.array([(0, 0), (40, 0), (40, 40)])], 0.25)
+    path = waypoints_of(tmp_path, track)
+    (distance,) = re.findall(r"\(rms\) and ([\d.]+) m \(maximum, at .* with a radius below 1\.6 m$", path.notes[-1])
+    points = np.array([path.at(t)[:2] for t in np.linspace(0, path.duration_s, 3000).tolist()])
+    away = max(np.hypot(*(points - point).T).min() for point in track)
+    assert float(distance) == pytest.approx(away, rel=0.02)
+    assert 0.05 < away < 1.0
+
+
+def test_fold_back_above_3_m_at_wide_spacing_is_rejected(tmp_path):
+    with pytest.raises(ValueError, match=r"reverses at \(10\.0, -?0\.0\) m"):
+        waypoints_of(tmp_path, track_with_reverse(3.5, 0.5)).check()
+
+
+@pytest.mark.parametrize("stop", [0, 60])
+@pytest.mark.parametrize(
+    ("step", "noise", "correlation"),
+    [(0.1, 0.02, 0.0), (0.5, 0.02, 0.0), (2.0, 0.02, 0.0), (0.1, 0.5, 0.0), (0.5, 0.5, 0.0)]
+    + [(0.1, 0.5, 0.998), (0.1, 1.0, 0.998), (0.1, 2.0, 0.9998), (0.5, 0.5, 0.99)],
+)
+def test_position_noise_is_not_read_as_reverse_driving(tmp_path, step, noise, correlation, stop):
+    track = with_noise(two_passes(step), noise, stop, correlation)
+    path = waypoints_of(tmp_path, track)
+    points = np.array([path.at(t)[:2] for t in np.linspace(0, path.duration_s, 400).tolist()])
+    away = [np.hypot(*(track - point).T).min() for point in points]
+    assert max(away) < max(step, 4 * noise)
+
+
+def test_sharp_recorded_track_keeps_its_shape(tmp_path):
+    corners = np.array([(12 * (k // 2 % 2), 1.5 * ((k + 1) // 2)) for k in range(12)], dtype=float)
+    track = np.vstack([each[:-1] for each in spaced([corners[k : k + 2] for k in range(11)], 0.25)])
+    path = waypoints_of(tmp_path, track)
+    points = np.array([path.at(t)[:2] for t in np.linspace(0, path.duration_s, 3000).tolist()])
+    assert max(np.hypot(*(points - point).T).min() for point in track) < 0.1
 
 
 def test_short_track_that_turns_back_in_its_middle_is_unchanged():

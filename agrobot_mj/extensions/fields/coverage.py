@@ -16,6 +16,7 @@ from shapely.geometry.base import BaseGeometry
 from agrobot_mj.core.signals import Array
 
 SLIVER_M2 = 1e-3  # Area below which maps and lists omit a gap or an overlap [m2]
+STEP_M = 0.1  # Maximum distance between the checked points of outlines, and of the boundary inside outlines [m]
 SIDES = ("east", "north", "west", "south")
 
 
@@ -89,6 +90,7 @@ def side_of(east: float, north: float, field: BaseGeometry) -> str:
 
 def excursion(outlines: Mapping[str, Array], field: BaseGeometry) -> dict[str, Any]:
     """Return the maximum distance [m], area [m2] and location of excursions beyond the boundary of `field`, by name.
+    Obstacles inside an outline count.
 
     `outlines` contains arrays of polygons (n,) by name that are not entirely inside the field, for example outlines of
     the tractor during a run.
@@ -97,13 +99,37 @@ def excursion(outlines: Mapping[str, Array], field: BaseGeometry) -> dict[str, A
 
 
 def _excursion(out: Array, field: BaseGeometry) -> dict[str, Any]:
-    if not len(out):
+    beyond = shapely.difference(out, field)
+    if not shapely.area(beyond).any():
         return {"largest_m": 0.0, "area_m2": 0.0}
-    corners = shapely.points(shapely.get_coordinates(out))
-    away = shapely.distance(corners, field)
-    worst = corners[int(np.argmax(away))]
-    beyond = shapely.union_all(shapely.difference(out, field))
+    depth = depths(out, field, sides_of(field))
+    worst = max(shapely.get_parts(beyond[int(np.argmax(depth))]), key=shapely.area).representative_point()
     middle = field.centroid
     side = side_of(worst.x - middle.x, worst.y - middle.y, field)
     place = {"x": float(worst.x), "y": float(worst.y), "side": side}
-    return {"largest_m": float(away.max()), "area_m2": float(beyond.area), **place}
+    return {"largest_m": float(depth.max()), "area_m2": float(shapely.union_all(beyond).area), **place}
+
+
+def sides_of(area: BaseGeometry) -> shapely.STRtree:
+    """Return the straight sides of the boundary and of the obstacles of an area."""
+    lines = [shapely.get_coordinates(ring) for ring in shapely.get_parts(shapely.boundary(area))]
+    ends = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
+    return shapely.STRtree(shapely.linestrings(ends))
+
+
+def depths(boxes: Array, area: BaseGeometry, sides: shapely.STRtree, limit: float = np.inf) -> Array:
+    """Return the maximum distance by which n outlines are beyond the boundary, or by which the boundary, for example of
+    an obstacle, is inside them, shape (n,) [m].
+
+    `sides` are the sides of `area`. A boundary inside an outline counts at most as `limit` [m].
+    """
+    found = np.zeros(len(boxes))
+    rows, of_sides = sides.query(boxes, "intersects")
+    inside = shapely.segmentize(shapely.intersection(sides.geometries[of_sides], boxes[rows]), STEP_M)
+    outlines = shapely.get_exterior_ring(boxes)
+    points, of = shapely.get_coordinates(inside, return_index=True)
+    away = shapely.distance(shapely.points(points), outlines[rows[of]])
+    np.maximum.at(found, rows[of], np.minimum(away, limit))
+    points, of = shapely.get_coordinates(shapely.segmentize(outlines, STEP_M), return_index=True)
+    np.maximum.at(found, of, shapely.distance(shapely.points(points), area))
+    return found

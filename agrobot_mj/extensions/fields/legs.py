@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 import shapely
-from shapely import LineString, Polygon
+from shapely import Polygon
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.field import Leg
 from agrobot_mj.paths.imports import Polyline
 from agrobot_mj.paths.imports.cleaning import distinct
+from agrobot_mj.paths.imports.shapes import parts_inside
 
 BEYOND_M = 1000.0  # Length by which a line is extended at both ends before it is cut at the field boundary [m]
 TURNS = ("turn", "connection", "transfer", "transport", "headland_turn")
@@ -57,14 +58,12 @@ def _by_state(line: Polyline, working: bool) -> Iterator[Leg]:
         yield Leg(points[start : end + 1], speed, bool(works[start]), bool(backward[start]))
 
 
-def _inside(points: Array, boundary: Polygon) -> Iterator[Array]:
-    """Extend a line straight at both ends, and yield the parts of this line that are inside the boundary."""
+def _inside(points: Array, boundary: Polygon) -> list[Array]:
+    """Extend a line straight at both ends, and return the parts of this line that are inside the boundary."""
     first, last = points[0] - points[1], points[-1] - points[-2]
     ends = (first / np.hypot(*first), last / np.hypot(*last)) if np.hypot(*first) and np.hypot(*last) else (0, 0)
-    line = LineString([points[0] + BEYOND_M * ends[0], *points, points[-1] + BEYOND_M * ends[1]])
-    for part in shapely.get_parts(line.intersection(boundary)).tolist():
-        if isinstance(part, LineString) and part.length > 0:
-            yield shapely.get_coordinates(part)
+    line = np.array([points[0] + BEYOND_M * ends[0], *points, points[-1] + BEYOND_M * ends[1]])
+    return parts_inside(line, [shapely.get_coordinates(ring) for ring in (boundary.exterior, *boundary.interiors)])
 
 
 def _speed(said: Mapping[str, Any]) -> float | None:

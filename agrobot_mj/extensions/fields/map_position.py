@@ -10,15 +10,18 @@ from agrobot_mj.core.geodesy import Origin, to_geodetic, to_local
 from agrobot_mj.core.resources import stamp_of
 from agrobot_mj.extensions.fields.drive import planning_scenario
 from agrobot_mj.extensions.fields.field import Field
+from agrobot_mj.extensions.fields.slope import farthest_point
 from agrobot_mj.paths.imports.shapes import DEGREES
 from agrobot_mj.terrain import Heightmap
-from agrobot_mj.terrain.elevation import interpolate, read_elevation
+from agrobot_mj.terrain.elevation import WAVE_M, interpolate, read_elevation
 from agrobot_mj.terrain.files import MOST_BYTES
 from agrobot_mj.terrain.geotiff import map_system
 from agrobot_mj.terrain.grid import Ground
 
 KIND, ORIGIN, FILE = "terrain.kind", "terrain.map_origin_m", "terrain.file"
 ROTATED_DEG = 0.5  # Angle between grid north and north above which a note states the angle [deg]
+FAR_FROM_POINTS_M = WAVE_M / 2
+"""Distance from the measured heights above which a note is given [m]: half of the shortest relief in Elevation.txt."""
 NORTH_M = 100.0  # Distance north of the origin from which the direction of grid north is computed [m]
 
 
@@ -37,7 +40,7 @@ def with_terrain(field: Field, overrides: Mapping[str, Any]) -> tuple[dict[str, 
         return given, ""
     suffix = Path(file).suffix.lower()
     if suffix == ".txt":
-        return _in_local_plane(field, given, file), ""
+        return _in_local_plane(field, given, file)
     if suffix not in (".tif", ".tiff", ".asc"):
         return given, ""
     name, system = Path(file).name, field.crs if field.crs != DEGREES else ""
@@ -58,14 +61,14 @@ def with_terrain(field: Field, overrides: Mapping[str, Any]) -> tuple[dict[str, 
 
 def _with_recorded_heights(field: Field, given: dict[str, Any], file: Path) -> tuple[dict[str, Any], str]:
     """Return the overrides `given` with the heights in an Elevation.txt, and a note. Unusable heights are omitted."""
-    found = _in_local_plane(field, {**given, KIND: "heightmap", FILE: str(file)}, str(file))
+    found, note = _in_local_plane(field, {**given, KIND: "heightmap", FILE: str(file)}, str(file))
     try:
         ground = Heightmap(file=str(file), map_origin_m=tuple(found.get(ORIGIN, (0.0, 0.0)))).ground()
     except ValueError as error:
         return given, f"the ground is level, because of {str(error).removeprefix('file: ')}"
     if not _covers(ground, field):
         return given, f"the ground is level, because {file.name} does not cover the field"
-    return found, ""
+    return found, note
 
 
 def _covers(ground: Ground, field: Field) -> bool:
@@ -92,15 +95,22 @@ def ground_of(field: Field, given: Mapping[str, Any]) -> tuple[Ground | None, tu
     return interpolate(field.heights[:, :2], field.heights[:, 2])[0], ("the slope is computed from the boundary",)
 
 
-def _in_local_plane(field: Field, given: dict[str, Any], file: str) -> dict[str, Any]:
+def _in_local_plane(field: Field, given: dict[str, Any], file: str) -> tuple[dict[str, Any], str]:
     """Return the overrides `given` with the position of the field's origin relative to the start fix in an
-    Elevation.txt."""
+    Elevation.txt, and a note about this position and about heights far from the measured points."""
     try:
-        origin = read_elevation(stamp_of(file, (), MOST_BYTES)).origin
+        found = read_elevation(stamp_of(file, (), MOST_BYTES))
     except ValueError:
-        return given  # a message about the file follows when it is read
-    place = field.shift if field.plane is None else to_local(origin, *field.plane)
-    return {**given, ORIGIN: [round(axis, 3) for axis in place]}
+        return given, ""  # a message about the file follows when it is read
+    place = field.shift if field.plane is None else to_local(found.origin, *field.plane)
+    notes, (away, x, y) = list[str](), farthest_point(field.boundary, found.points - place)
+    if field.plane is None and field.elevation is None:
+        notes.append(f"the coordinates of the field are assumed to be relative to the start fix in {Path(file).name}")
+    if away > FAR_FROM_POINTS_M:
+        notes.append(
+            f"the heights are extrapolated by up to {away:.0f} m from measured points, at ({x:.0f}, {y:.0f}) m"
+        )
+    return {**given, ORIGIN: [round(axis, 3) for axis in place]}, "; ".join(notes)
 
 
 def _map_coordinates(system: str, plane: Origin, norths: tuple[float, ...]) -> tuple[list[float], list[float]]:

@@ -18,6 +18,8 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.results import atomic, write_json
 from agrobot_mj.studies.style import write_figure
 
+MISSED_PERCENT = 10.0  # Missed area of a plan above which its summary states a remedy [%]. Assumed value.
+
 
 def write_plan(folder: Path, field: Field, plan: Plan) -> None:
     """Write a plan to `folder` as JSON, GeoJSON and map figure."""
@@ -64,6 +66,8 @@ def plan_text(plan: Plan, field: Field, depth: float) -> tuple[str, dict[str, An
         f"{ideal['overlapped_percent']:.1f} % overlapped and {ideal['missed_percent']:.1f} % missed by the plan; "
         f"turns need a headland of {depth:.1f} m{_largest_gap(found, plan.width)}"
     )
+    if ideal["missed_percent"] > MISSED_PERCENT:
+        text += "; to work more of the field, let turns leave it (--headlands 0 --beyond) or use a smaller --width"
     return text, numbers
 
 

@@ -31,6 +31,7 @@ is a closed ring. A gap above `APART` is reported."""
 SAME_AREA, OTHER_AREA = 0.03, 0.15
 """Maximum relative difference from the area in the file with swapped coordinates, and minimum difference with the given
 coordinates, for which latitude and longitude are swapped [-]. Assumed values."""
+M2_PER_HA = 1e4  # Number of square metres in a hectare
 REPEATED = 0.9
 """Fraction of the field area above which a ring inside the field counts as a second outline [-]. Assumed value."""
 CENTRED_M = 1.0
@@ -158,25 +159,30 @@ def _field(local: LocalShapes, name: str, notes: list[str]) -> Field:
 
 
 def _in_order(file: ShapeFile, ring: Polyline) -> ShapeFile:
-    """Return a file in which latitude and longitude are swapped if the area in the properties of the boundary [ha] fits
-    only the other order."""
-    area = ring.properties.get("area")
-    if file.crs != DEGREES or not isinstance(area, int | float) or not area > 0 or np.abs(ring.points).max() > 90:
+    """Return a file in which latitude and longitude are swapped if the area in the properties of the boundary fits only
+    the other order. The area is in hectares, or in square metres if only this unit fits."""
+    stated = ring.properties.get("area")
+    if file.crs != DEGREES or not isinstance(stated, int | float) or not stated > 0 or np.abs(ring.points).max() > 90:
         return file
-    given, other = (_hectares(points) / area for points in (ring.points, ring.points[:, ::-1]))
+    areas = [_hectares(points) for points in (ring.points, ring.points[:, ::-1])]
+    in_metres = any(abs(M2_PER_HA * area / stated - 1) < OTHER_AREA for area in areas)
+    area, unit = (stated / M2_PER_HA, "m2") if in_metres else (stated, "ha")
+    notes = [f"the area of {stated:g} in the file is read in m2, because it is too large in ha"] if in_metres else []
+    given, other = (each / area for each in areas)
     if abs(other - 1) > SAME_AREA or abs(given - 1) < OTHER_AREA:
-        return file
-    note = (
-        f"latitude and longitude are swapped, because the area of {area:.4g} ha in the file fits only the other order"
+        return replace(file, notes=(*file.notes, *notes))
+    notes.append(
+        f"latitude and longitude are swapped, because the area of {stated:g} {unit} in the file fits only the other "
+        "order"
     )
     shapes = tuple(replace(shape, points=shape.points[:, ::-1]) for shape in file.shapes)
-    return replace(file, shapes=shapes, notes=(*file.notes, note))
+    return replace(file, shapes=shapes, notes=(*file.notes, *notes))
 
 
 def _hectares(points: Array) -> float:
     """Return the area of a ring of longitudes and latitudes [deg], in hectares."""
     latitude = float(points[:, 1].mean())
-    return _area(points) * metres_per_longitude(latitude) * metres_per_latitude(latitude) / 1e4
+    return _area(points) * metres_per_longitude(latitude) * metres_per_latitude(latitude) / M2_PER_HA
 
 
 def _heights(ring: Polyline) -> Array | None:

@@ -33,16 +33,33 @@ class Relief:
 
 def relief_of(boundary: Polygon, ground: Ground, notes: tuple[str, ...] = ()) -> Relief:
     """Return the heights and slopes of the ground inside a boundary. `notes` are about the source of the heights."""
+    x, y, inside = _nodes(boundary)
+    found = heights(ground, *np.meshgrid(x, y))
+    slopes = np.gradient(found, float(x[1] - x[0]))
+    height, to_east, to_north = (np.where(inside, values, np.nan) for values in (found, slopes[1], slopes[0]))
+    return Relief(x, y, height, to_east, to_north, notes)
+
+
+def farthest_point(boundary: Polygon, points: Array) -> tuple[float, float, float]:
+    """Return the maximum distance of the area inside a boundary from the nearest of `points`, shape (n, 2) [m], and the
+    position (x, y) with this distance [m]."""
+    from scipy.spatial import KDTree
+
+    x, y, inside = _nodes(boundary)
+    rows, columns = np.nonzero(inside)
+    places = np.vstack([np.column_stack([x[columns], y[rows]]), shapely.get_coordinates(boundary)])
+    away = KDTree(points).query(places)[0]
+    k = int(np.argmax(away))
+    return float(away[k]), *places[k].tolist()
+
+
+def _nodes(boundary: Polygon) -> tuple[Array, Array, Array]:
+    """Return the coordinates of the columns and rows of a grid [m], and whether its nodes are inside the boundary."""
     west, south, east, north = boundary.bounds
     step = max(STEP_M, max(east - west, north - south) / MOST_STEPS)
     x, y = (low + step * np.arange(ceil((high - low) / step) + 1) for low, high in ((west, east), (south, north)))
-    grid_x, grid_y = np.meshgrid(x, y)
-    found = heights(ground, grid_x, grid_y)
-    slopes = np.gradient(found, step)
     shapely.prepare(boundary)
-    inside = shapely.intersects_xy(boundary, grid_x, grid_y)
-    height, to_east, to_north = (np.where(inside, values, np.nan) for values in (found, slopes[1], slopes[0]))
-    return Relief(x, y, height, to_east, to_north, notes)
+    return x, y, shapely.intersects_xy(boundary, *np.meshgrid(x, y))
 
 
 def slope_numbers(relief: Relief) -> dict[str, Any]:

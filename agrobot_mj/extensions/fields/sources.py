@@ -40,9 +40,9 @@ def plan_shapes(path: Path) -> ShapeFile:
 
 def elevation_file(path: Path) -> Path | None:
     """Return the `Elevation.txt` of the AgOpenGPS field at `path`, or None if it is missing or contains no points."""
-    folders = [path, *sorted(path.glob("*/"))] if path.is_dir() else [path.parent] * (path.suffix.lower() == ".txt")
-    folder = next(filter(is_folder_of_field, folders), None)
-    if folder is None or not (file := folder / ELEVATION).is_file():
+    folder = next(iter(_sources_in(path)), path) if path.is_dir() else path.parent
+    file = folder / ELEVATION
+    if not (path.is_dir() or path.suffix.lower() == ".txt") or not is_folder_of_field(folder) or not file.is_file():
         return None
     try:
         with file.open(encoding="utf-8-sig", errors="replace") as stream:
@@ -107,14 +107,19 @@ def _unpack(path: Path, folder: Path) -> None:
 def _of_folder(folder: Path, of_agopengps: Callable[[Path], ShapeFile]) -> ShapeFile:
     """Return the shapes of the first source in a folder or, if there is none, in its direct subfolders. A note reports
     other sources."""
-    for places in ([folder], sorted(each for each in folder.iterdir() if each.is_dir())):
-        if sources := [source for place in places for source in _sources(place)]:
-            found = of_agopengps(sources[0]) if sources[0].is_dir() else _read_file(sources[0])
-            if len(sources) > 1:
-                many = f"only {sources[0].name!r} is read, the first of {len(sources)} sources; specify the path of one"
-                found = replace(found, notes=(*found.notes, many))
-            return found
+    if sources := _sources_in(folder):
+        found = of_agopengps(sources[0]) if sources[0].is_dir() else _read_file(sources[0])
+        if len(sources) > 1:
+            many = f"only {sources[0].name!r} is read, the first of {len(sources)} sources; specify the path of one"
+            found = replace(found, notes=(*found.notes, many))
+        return found
     return refuse(folder, f"the folder contains no field; specify a folder with {TASKDATA} or Boundary.txt, or a file")
+
+
+def _sources_in(folder: Path) -> list[Path]:
+    """Return the sources in a folder or, if there are none, in its direct subfolders."""
+    subfolders = sorted(each for each in folder.iterdir() if each.is_dir())
+    return _sources(folder) or [source for each in subfolders for source in _sources(each)]
 
 
 def _sources(place: Path) -> list[Path]:
@@ -134,8 +139,10 @@ def _with_origin(found: ShapeFile, path: Path) -> ShapeFile:
     file = path.parent / "Field.txt"
     if found.crs or not file.is_file() or not is_folder_of_field(path.parent) or path.suffix.lower() != ".txt":
         return found
-    origin = read_origin(file.read_text(encoding="utf-8-sig", errors="replace")[:10_000])
-    return replace(found, origin=origin, name=path.parent.absolute().name)
+    origin, notes = read_origin(file.read_text(encoding="utf-8-sig", errors="replace")[:10_000]), found.notes
+    if any("row" in shape.columns for shape in found.shapes):
+        notes = (*notes, f"the coordinates are assumed to be relative to the start fix in {file.name}")
+    return replace(found, origin=origin, name=path.parent.absolute().name, notes=notes)
 
 
 def _boundaries(folder: Path) -> ShapeFile:

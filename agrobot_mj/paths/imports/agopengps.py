@@ -12,9 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from agrobot_mj.core.geodesy import Origin
-from agrobot_mj.core.geometry import in_polygon
 from agrobot_mj.core.signals import Array
-from agrobot_mj.paths.imports.shapes import Polyline, ShapeFile
+from agrobot_mj.paths.imports.shapes import Polyline, ShapeFile, parts_inside
 
 HEADS = {
     "$Boundary": "boundary",
@@ -170,25 +169,12 @@ def cut_line(points: Array, boundary: ShapeFile | None) -> tuple[Array, str]:
         along = (points[1] - points[0]) / np.hypot(*(points[1] - points[0]))
         cut = (LINE_M - SHORT_M) * np.array([along, -along])
         return points + cut, f"the AB line extends {SHORT_M:g} m beyond A and B, because there is no {BOUNDARY}"
-    parts = _inside(points, boundary.shapes[0].points)
+    parts = parts_inside(points, [shape.points for shape in boundary.shapes])
     if not parts:
         raise ValueError(f"the AB line does not cross the field in {BOUNDARY}; choose another line")
-    return max(parts, key=lambda part: float(np.hypot(*(part[1] - part[0])))), f"the AB line is cut at {BOUNDARY}"
-
-
-def _inside(points: Array, ring: Array) -> list[Array]:
-    """Return the parts of a straight line, shape (2, 2), inside a ring of shape (n, 2)."""
-    start, along = points[0], points[1] - points[0]
-    x, y = (ring - start).T
-    left, ahead = along[0] * y - along[1] * x, (along[0] * x + along[1] * y) / (along @ along)
-    other, further = np.roll(left, -1), np.roll(ahead, -1)
-    crossed = (left > 0) != (other > 0)
-    fraction = left[crossed] / (left[crossed] - other[crossed])
-    marks = np.sort((ahead[crossed] + fraction * (further[crossed] - ahead[crossed])).clip(0, 1))
-    ends = start + marks[:, None] * along
-    corners = [(east, north) for east, north in ring.tolist()]
-    parts = [ends[k : k + 2] for k in np.flatnonzero(np.diff(marks) > 0)]
-    return [part for part in parts if in_polygon(corners, *part.mean(axis=0).tolist())]
+    longest = max(parts, key=lambda part: float(np.hypot(*(part[1] - part[0]))))
+    more = f", and the longest of {len(parts)} parts is used" if len(parts) > 1 else ""
+    return longest, f"the AB line is cut at {BOUNDARY}{more}"
 
 
 def _tram(lines: _Lines) -> Iterator[Polyline]:

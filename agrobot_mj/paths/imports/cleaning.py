@@ -1,9 +1,9 @@
 """Removal of points that a tractor cannot follow: repeated points, scatter at standstill, fold-backs, and outliers.
 
 At standstill, position noise makes a recorded track reverse its direction over short legs. Such a track is thinned with
-the smallest point distance that removes these legs. At a fold-back, the track reverses by at most FOLD_M and continues
-in its previous direction; the points of the fold-back are omitted. A track that reverses otherwise contains reverse
-driving and remains unchanged.
+the smallest point distance that removes these reversals. At a fold-back, the track reverses by at most FOLD_M and
+continues in its previous direction; the points of the fold-back are omitted. A track that reverses otherwise contains
+reverse driving and remains unchanged.
 """
 
 import numpy as np
@@ -14,13 +14,18 @@ from agrobot_mj.paths.track import Index
 CLOSEST_M = 0.001  # Minimum distance between consecutive points [m]
 SHORT_M = 1.0  # Length of a leg below which a reversal is noise [m]. Assumed value, shorter than any manoeuvre.
 THINNINGS_M = (0.05, 0.1, 0.2, 0.4, 0.8)
-"""Minimum point distances [m] for thinning a track, applied in this order until the track has no reversals."""
+"""Minimum point distances [m] for thinning a track, applied in this order until only lasting reversals remain."""
+LASTING_M = 2.0
+"""Distance over which a track reverses lastingly [m]. Assumed value, larger than scatter at standstill."""
 FOLD_M = 3.0  # Maximum length of a fold-back [m]. Assumed value, shorter than the reverse segment of a turn.
 MOST_FOLDS = 100  # Maximum number of fold-backs in a track
 MOST_FOLDED = 0.25
 """Maximum length of all fold-backs divided by the length of the track [-]. Assumed value: a short
 track that reverses over a larger part contains a manoeuvre."""
 BACK = np.cos(np.radians(100.0))  # Cosine of 100 degrees [-]; a track with a larger change of direction turns back
+CUSP, NOISE = np.cos(np.radians(135.0)), 6.0
+"""Cosine of the minimum change of direction at a cusp (135 degrees) [-], and minimum length of the compared legs,
+divided by the rms position noise [-]. Assumed values."""
 OUTLYING = 3.0
 """Minimum distance of outliers from the median point, divided by the extent of the other points [-]. Assumed value."""
 MOST_OUTLIERS, FEWEST_POINTS = 3, 5
@@ -38,9 +43,11 @@ def clean(points: Array, closed: bool = False, reverses: bool = False) -> tuple[
         notes.append(f"{repeated} repeated {'point is' if repeated == 1 else 'points are'} omitted")
     folds, rest = (0, kept) if reverses or _is_noisy(points[kept]) else _without_folds(points, kept)
     if not folds and (turns := len(_turning_back(points[kept]))):
+        lasting = len(_reversals(points[kept][space_out(points[kept], LASTING_M, True)]))
+        most = min(lasting, len(_reversals(points[kept])) - 1)
         for distance in THINNINGS_M:
             thin = kept[space_out(points[kept], distance, closed)]
-            if not len(_turning_back(points[thin])):
+            if len(_reversals(points[thin])) <= most:
                 notes.append(
                     f"the track is reduced from {len(kept)} to {len(thin)} points, {distance:g} m apart, because it "
                     f"turns back at {turns} points, which indicates noise at standstill"
@@ -103,6 +110,22 @@ def space_out(points: Array, distance: float, closed: bool) -> Index:
     return np.array(kept)
 
 
+def cusps(points: Array, noise: float) -> Index:
+    """Return the indices of the points at which a track, shape (n, 2) [m], starts or ends to drive in reverse.
+
+    The changes of direction are computed between legs longer than the rms position noise `noise` [m]. Reversals at a
+    distance of less than LASTING_M from each other, or from an end of the track, are noise at standstill.
+    """
+    thin = space_out(points, max(SHORT_M, NOISE * noise), True)
+    found = [0]
+    for k in _reversals(points[thin], CUSP).tolist():
+        start, end = int(thin[k - 1]), int(thin[k + 1])
+        found.append(start + int(np.argmax(points[start:end] @ (points[thin[k]] - points[start]))))
+    gaps = np.hypot(*np.diff(points[[*found, -1]], axis=0).T)
+    lasting: Index = np.array(found)[1:][np.minimum(gaps[:-1], gaps[1:]) >= LASTING_M]
+    return lasting
+
+
 def _turning_back(points: Array) -> Index:
     """Return the indices of the points next to a short leg at which the track reverses its direction."""
     found, lengths = _reversals(points), np.hypot(*np.diff(points, axis=0).T)
@@ -110,12 +133,12 @@ def _turning_back(points: Array) -> Index:
     return near
 
 
-def _reversals(points: Array) -> Index:
-    """Return the indices of the points at which the track reverses its direction."""
+def _reversals(points: Array, back: float = BACK) -> Index:
+    """Return the indices of the points at which the cosine of the change of direction is below `back`."""
     legs = np.diff(points, axis=0)
     lengths = np.maximum(np.hypot(*legs.T), 1e-12)
     along = (legs[1:] * legs[:-1]).sum(axis=1) / (lengths[1:] * lengths[:-1])
-    found: Index = 1 + np.flatnonzero(along < BACK)
+    found: Index = 1 + np.flatnonzero(along < back)
     return found
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.paths.imports.shapes import DEGREES, Polyline, ShapeFile
+from agrobot_mj.paths.imports.shapes import DEGREES, Polyline, ShapeFile, height_column
 
 NAME_KEYS = ("name", "Name", "NAME", "id", "title")
 LOCAL = {"type": "name", "properties": {"name": "local plane in metres"}}
@@ -112,12 +112,6 @@ def _heights(found: Any) -> dict[str, Array]:
     """Return the column `height` of positions that all have a height [m], or an empty dict."""
     heights = [each[2] for each in found if len(each) > 2 and isinstance(each[2], int | float)]
     return height_column(heights, len(found))
-
-
-def height_column(heights: list[Any], count: int) -> dict[str, Array]:
-    """Return the column `height` if each of `count` points has a finite height [m], or an empty dict."""
-    column = np.array(heights, dtype=float)
-    return {"height": column} if len(column) == count and np.isfinite(column).all() else {}
 
 
 def _per_point(properties: Mapping[str, Any], count: int) -> dict[str, Array]:

@@ -1,15 +1,18 @@
 """Shapes of a position file: polylines, rings and sequences of points, in file coordinates or in a local plane."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from agrobot_mj.core.geodesy import Origin
+from agrobot_mj.core.geometry import in_polygon
 from agrobot_mj.core.signals import Array
 
 LARGEST = 1e8  # Maximum absolute coordinate [m or deg], larger than in any map grid
+DECIMALS = 12  # Number of decimals to which crossings are rounded, so that a crossing at a corner is found only once
 DEGREES = "EPSG:4326"  # Coordinate system of latitudes and longitudes on WGS84
 
 
@@ -55,3 +58,48 @@ class LocalShapes:
     shift: tuple[float, float] = (0.0, 0.0)  # East and north offsets subtracted from the coordinates of the file [m]
     name: str = ""
     notes: tuple[str, ...] = ()  # Sentences about omitted, repaired or shifted shapes
+
+
+def height_column(heights: list[Any], count: int) -> dict[str, Array]:
+    """Return the column `height` if each of `count` points has a finite height [m], or an empty dict."""
+    column = np.array(heights, dtype=float)
+    return {"height": column} if len(column) == count and np.isfinite(column).all() else {}
+
+
+def parts_inside(line: Array, rings: Sequence[Array]) -> list[Array]:
+    """Return the parts of a polyline, shape (n, 2), inside the first ring and outside all other rings.
+
+    Each ring has the shape (m, 2). The parts have the direction of the polyline.
+    """
+    corners = [[(x, y) for x, y in ring.tolist()] for ring in rings]
+    parts = list[list[Array]]()
+    for start, end in pairwise(line):
+        marks = np.unique(np.concatenate([_crossings(start, end, ring) for ring in rings]))
+        ends, ahead = np.vstack([start, start + marks[:, None] * (end - start), end]), False
+        for first, last in pairwise(ends):
+            outer, *inner = (in_polygon(each, *((first + last) / 2).tolist()) for each in corners)
+            if outer and not any(inner):
+                if ahead:
+                    parts[-1][-1] = last
+                elif parts and (parts[-1][-1] == first).all():
+                    parts[-1].append(last)
+                else:
+                    parts.append([first, last])
+            ahead = outer and not any(inner)
+    return [np.array(part) for part in parts]
+
+
+def _crossings(start: Array, end: Array, ring: Array) -> Array:
+    """Return the positions between the ends of a straight line at which a ring crosses the line, divided by the length
+    of the line [-]."""
+    along = end - start
+    if not along.any():
+        return np.empty(0)
+    x, y = (ring - start).T
+    left, ahead = along[0] * y - along[1] * x, (along[0] * x + along[1] * y) / (along @ along)
+    other, further = np.roll(left, -1), np.roll(ahead, -1)
+    crossed = (left > 0) != (other > 0)
+    fraction = left[crossed] / (left[crossed] - other[crossed])
+    found = np.round(ahead[crossed] + fraction * (further[crossed] - ahead[crossed]), DECIMALS)
+    between: Array = found[(found > 0) & (found < 1)]
+    return between

@@ -6,8 +6,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from agrobot_mj.core.signals import Array
-from agrobot_mj.paths.imports.geojson import height_column
-from agrobot_mj.paths.imports.shapes import DEGREES, Polyline, ShapeFile
+from agrobot_mj.paths.imports.shapes import DEGREES, Polyline, ShapeFile, height_column
 
 
 def parsed_xml(text: str) -> ElementTree.Element:

@@ -121,9 +121,16 @@ def test_excursion_gives_distance_area_and_side_beyond_the_boundary():
     field = shapely.box(0, 0, 100, 50)
     boxes = np.array([shapely.box(-1.5, 20, 1, 22), shapely.box(40, 20, 42, 22)])
     found = excursion({"tractor": boxes, "implement": boxes[1:]}, field)
-    assert found["tractor"] | {"x": -1.5} == found["tractor"]
+    assert -1.5 < found["tractor"]["x"] < 0.0
     assert (found["tractor"]["largest_m"], found["tractor"]["area_m2"], found["tractor"]["side"]) == (1.5, 3.0, "west")
     assert found["implement"]["largest_m"] == 0.0
+
+
+def test_pole_below_the_tractor_is_as_deep_as_the_tractor_covers_it():
+    field = shapely.box(0, 0, 100, 50).difference(shapely.box(41.0, 20.8, 41.2, 21.0))
+    found = excursion({"tractor": np.array([shapely.box(40, 20, 43, 22)])}, field)["tractor"]
+    assert (found["largest_m"], found["area_m2"]) == pytest.approx((1.0, 0.04))
+    assert (found["x"], found["y"]) == pytest.approx((41.1, 20.9), abs=0.11)
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.123456, -0.0987654])

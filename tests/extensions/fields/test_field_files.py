@@ -263,7 +263,17 @@ def test_degree_order_is_kept_if_the_stated_area_fits_both_orders(tmp_path):
     assert (round(field.plane.latitude), round(field.plane.longitude), field.notes) == (45, 44, ())
 
 
-@pytest.mark.parametrize("area", [4.54, 11.22, 45_400, 0, -1, "4.54", None, float("nan")])
+@pytest.mark.parametrize("swaps", [False, True])
+def test_area_in_square_metres_is_recognised_in_both_orders_of_degrees(tmp_path, swaps):
+    ring = [place[:: -1 if swaps else 1] for place in degrees(RING)]
+    field = field_of(tmp_path, "fiboa.json", geojson(feature(ring, area=45_400.0), fiboa_version="0.3.0"))
+    assert field.plane == pytest.approx(ORIGIN, abs=1e-6)
+    said = "latitude and longitude are swapped, because the area of 45400 m2 in the file fits only the other order"
+    unit = "the area of 45400 in the file is read in m2, because it is too large in ha"
+    assert field.notes == (unit, said)[: 1 + swaps]
+
+
+@pytest.mark.parametrize("area", [4.54, 11.22, 454, 0, -1, "4.54", None, float("nan")])
 def test_valid_degree_order_is_kept_for_any_area_stated_in_the_file(tmp_path, area):
     field = field_of(tmp_path, "a.json", geojson(feature(degrees(RING), area=area)))
     assert field.plane == pytest.approx(ORIGIN, abs=1e-6)

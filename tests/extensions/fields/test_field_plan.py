@@ -193,12 +193,15 @@ def test_obstacle_between_the_tractor_corners_counts_as_leaving_the_field(obstac
     assert outside[:, 1] == pytest.approx([0.0, 0.0])
 
 
-def test_obstacle_below_the_implement_counts_as_leaving_the_field():
-    """The edges of the implement outline are 0.4 m inside the obstacle, whose length is 1 m."""
+@pytest.mark.parametrize(("half", "north", "outside"), [(1.0, 0.0, 1.0 - BAR_M), (0.2, 0.0, 0.5), (0.2, 1.4, 0.1)])
+def test_only_obstacles_below_implement_ends_are_swung_over(half, north, outside):
+    """The implement is 3 m wide. Obstacles between its ends count as at least 0.5 m, more than ends may swing."""
     rig = machine()
-    field = Field("pole", box(-40, -30, 40, 30).difference(box(-0.5, -0.5, 0.5, 0.5)))
-    x = np.array([rig.behind])
-    assert area_of(field, 0, rig).outside(x, np.zeros(1), np.zeros(1))[1] == pytest.approx(0.5 - BAR_M)
+    field = Field("pole", box(-40, -30, 40, 30).difference(box(-half, north - half, half, north + half)))
+    area = area_of(field, 0, rig)
+    found = area.outside(np.array([rig.behind]), np.zeros(1), np.zeros(1))
+    assert found[1] == pytest.approx(outside)
+    assert (area.excess(found) > 0.0) == (outside > 0.35)
 
 
 def test_connections_of_a_plan_do_not_cross_a_narrow_obstacle():
@@ -276,9 +279,11 @@ def test_plan_summary_counts_each_section_and_names_the_largest_gap():
     whole = plan_text(make_plan(RECTANGLE, rig, Options()), RECTANGLE, 9.0)[1]
     assert 0.0 < numbers["overlapped_percent"] < whole["overlapped_percent"] < 5.0
     assert "gap" not in text
+    assert "to work more" not in text
     plan = make_plan(RECTANGLE, rig, Options())
-    text, _ = plan_text(replace(plan, passes=plan.passes[:-2]), RECTANGLE, 9.0)
+    text, numbers = plan_text(replace(plan, passes=plan.passes[:2]), RECTANGLE, 9.0)
     assert "; the largest gap is " in text
+    assert ("to work more of the field" in text) == (numbers["missed_percent"] > 10.0)
 
 
 def test_machine_with_a_drawn_implement_plans_forward_only():

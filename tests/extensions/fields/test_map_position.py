@@ -1,5 +1,7 @@
 """Position of a field in the map of its elevation model."""
 
+import re
+
 import numpy as np
 import pytest
 from field_texts import ORIGIN as ORIGIN_OF_TEXTS
@@ -102,6 +104,43 @@ def test_recorded_heights_of_another_field_are_omitted(tmp_path):
     (folder / "Field.txt").write_text((folder / "Field.txt").read_text().replace(fix, "58.40800000"))
     given, note = with_terrain(read_field(folder), {})
     assert (given, note) == ({}, "the ground is level, because Elevation.txt does not cover the field")
+
+
+@pytest.mark.parametrize(("end", "away"), [(150.0, None), (145.0, None), (120.0, 30.0), (0.0, 150.0)])
+def test_note_states_the_distance_of_the_field_from_measured_heights(tmp_path, end, away):
+    folder = elevation(aog(tmp_path / "farm"), lambda x, y: 0.05 * x)
+    head, title, rows = (folder / "Elevation.txt").read_text().partition("Roll\n")
+    kept = [row for row in rows.splitlines() if float(row.split(",")[4]) <= end]
+    (folder / "Elevation.txt").write_text(head + title + "\n".join(kept) + "\n")
+    _, note = with_terrain(read_field(folder), {})
+    if away is None:
+        assert note == ""
+    else:
+        found = re.fullmatch(
+            r"the heights are extrapolated by up to (\d+) m from measured points, at \(150, .* m", note
+        )
+        assert float(found[1]) == pytest.approx(away, abs=2.0)
+
+
+def test_boundary_in_metres_is_placed_at_the_start_fix_with_a_note(tmp_path):
+    folder = elevation(aog(tmp_path / "farm"), lambda x, y: 0.05 * x)
+    rows = "x,y\n-150,-80\n150,-80\n150,80\n-150,80\n"
+    (tmp_path / "edge.csv").write_text(rows)
+    field = read_field(tmp_path / "edge.csv")
+    given, note = with_terrain(field, {KIND: "heightmap", FILE: str(folder / "Elevation.txt")})
+    assert note == "the coordinates of the field are assumed to be relative to the start fix in Elevation.txt"
+    assert given[ORIGIN] == [0.0, 0.0]
+    (folder / "edge.txt").write_text(rows)
+    assert read_field(folder / "edge.txt").notes == (
+        "the coordinates are assumed to be relative to the start fix in Field.txt",
+    )
+
+
+def test_heights_in_a_subfolder_are_not_those_of_another_field(tmp_path):
+    elevation(aog(tmp_path / "farm"), lambda x, y: 0.05 * x)
+    assert read_field(tmp_path).elevation == tmp_path / "farm" / "Elevation.txt"
+    (tmp_path / "edge.csv").write_text("x,y\n-150,-80\n150,-80\n150,80\n-150,80\n")
+    assert read_field(tmp_path).elevation is None
 
 
 def test_bicycle_plant_works_on_level_ground(tmp_path):

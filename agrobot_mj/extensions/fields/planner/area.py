@@ -8,10 +8,11 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.fields.coverage import depths, sides_of
 from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.extensions.fields.plan import Plan
 from agrobot_mj.extensions.fields.planner.laps import Ring, offset, rings, smooth_ring
-from agrobot_mj.extensions.fields.planner.rig import FieldMachine, implement_boxes, tractor_boxes, tractor_poses
+from agrobot_mj.extensions.fields.planner.rig import BAR_M, FieldMachine, implement_boxes, tractor_boxes, tractor_poses
 from agrobot_mj.extensions.fields.repair import polygons_of
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.track import Piece, chain
@@ -25,7 +26,6 @@ width, of a part of the headland that gets swaths [-]. Assumed values."""
 ENTERED_M = 0.2
 """Maximum reported distance by which a boundary between the corners of an outline is inside this outline [m]. Assumed
 value: a higher limit would require wider margins, which leave more of the field without work."""
-SIDE_STEP_M = 0.1  # Maximum distance between the checked points of outlines, and of the boundary inside outlines [m]
 GRID_M = 1e-4  # Grid to which areas are rounded, because GEOS cannot intersect some areas exactly [m]
 BLOCK = 4096  # Number of poses whose outlines are computed at a time, to limit memory usage
 
@@ -49,10 +49,7 @@ class Area:
 
     @cached_property
     def _sides(self) -> shapely.STRtree:
-        """Straight sides of the boundary and of the obstacles."""
-        lines = [shapely.get_coordinates(ring) for ring in shapely.get_parts(shapely.boundary(self.whole))]
-        ends = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
-        return shapely.STRtree(shapely.linestrings(ends))
+        return sides_of(self.whole)
 
     @cached_property
     def _inner_body(self) -> BaseGeometry:
@@ -79,8 +76,11 @@ class Area:
         return shapely.union_all([part for part in shapely.get_parts(wide) if part.area > least])
 
     def outside(self, x: Array, y: Array, yaw: Array) -> Array:
-        """Return the distances of tractor and implement beyond the boundary for n CG poses, shape (2, n) [m]. Obstacles
-        between the corners of their outlines count."""
+        """Return the distances of tractor and implement beyond the boundary for n CG poses, shape (2, n) [m].
+
+        Obstacles between the corners of their outlines count. An obstacle between the ends of the implement counts at
+        least as `SWING_M` + `ENTERED_M`, so that it is not permitted.
+        """
         found = np.zeros((2, len(x)))
         for first in range(0, len(x), BLOCK):
             block = slice(first, first + BLOCK)
@@ -95,25 +95,20 @@ class Area:
         found = np.zeros(boxes.shape)
         outer = boxes[out]
         corners = shapely.get_coordinates(outer).reshape(-1, 5, 2)
-        depths = shapely.distance(shapely.points(corners), self.whole).max(axis=1)
-        between = np.flatnonzero(depths <= TOLERANCE_M)  # the boundary is between the corners
-        depths[between] = self._entered(outer[between])
-        found[out] = depths
+        away = shapely.distance(shapely.points(corners), self.whole).max(axis=1)
+        between = np.flatnonzero(away <= TOLERANCE_M)  # the boundary is between the corners
+        away[between] = depths(outer[between], self.whole, self._sides, ENTERED_M)
+        found[out] = away
+        swung = np.flatnonzero(out[1])
+        middle = implement_boxes(self._without_ends, *(values[swung] for values in bar))
+        crossed = swung[~shapely.covers(self._allowed, middle)]
+        found[1, crossed] = np.maximum(found[1, crossed], SWING_M + ENTERED_M)
         return found
 
-    def _entered(self, boxes: Array) -> Array:
-        """Return the maximum distance by which the boundary, for example of an obstacle, is inside n outlines, at most
-        `ENTERED_M`, or by which the outlines are beyond the boundary, shape (n,) [m]."""
-        found = np.zeros(len(boxes))
-        rows, sides = self._sides.query(boxes, "intersects")
-        inside = shapely.segmentize(shapely.intersection(self._sides.geometries[sides], boxes[rows]), SIDE_STEP_M)
-        outlines = shapely.get_exterior_ring(boxes)
-        points, of = shapely.get_coordinates(inside, return_index=True)
-        depths = shapely.distance(shapely.points(points), outlines[rows[of]])
-        np.maximum.at(found, rows[of], np.minimum(depths, ENTERED_M))
-        points, of = shapely.get_coordinates(shapely.segmentize(outlines, SIDE_STEP_M), return_index=True)
-        np.maximum.at(found, of, shapely.distance(shapely.points(points), self.whole))
-        return found
+    @property
+    def _without_ends(self) -> FieldMachine:
+        """Machine whose implement lacks the ends that may swing beyond the boundary."""
+        return replace(self.rig, width=max(self.rig.width - 2 * (SWING_M + TOLERANCE_M), 2 * BAR_M))
 
     def faults(self, start: Pose, pieces: tuple[Piece, ...]) -> tuple[float, float]:
         """Return two lengths for a connection along `pieces` [m]: maximum excess over the permitted distance beyond the
