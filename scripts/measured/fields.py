@@ -45,7 +45,7 @@ Keys = tuple[tuple[str, Any], ...]  # Overrides of a scenario by dotted key
 LAWS, TURNS = ("lqr", "stanley", "kinematic"), ("omega", "bulb", "clothoid", "k")
 FIELD_LAWS = ("lqr", "stanley", "pure_pursuit")
 """Laws of the table of fields."""
-FORWARD_LAWS = ("feedforward", "kinematic")
+FORWARD_LAWS = ("feedforward", "kinematic", "learned_feedforward")
 """Laws that do not follow a path in reverse; their plans of fields have no reverse segments."""
 WIDTHS_M = {"riding": 1.5, "robot": 2.0, "orchard": 2.5, "compact": 3.0, "utility": 4.0, "row_crop": 6.0}
 """Working width of each machine in the table of machines [m]. Assumed values."""
