@@ -90,7 +90,7 @@ LAGS = {
 }
 """Effects on the latencies relative to a gyro, due to linkage, tyres and body roll [s]. The values of this and the
 following constants are means and spreads of calibrations of 100 simulated machines."""
-AHEAD_S = _Lag(-0.005, 0.025)  # Effect on the distance of the antenna ahead, divided by the speed [s]
+AHEAD_S = _Lag(-0.001, 0.012)  # Effect on the distance of the antenna ahead, divided by the speed [s]
 WHEEL_S2_M = _Lag(-1 / 60, 1 / 60)
 """Effect of slip of accelerating wheels on the latency of a wheel speed, divided by the speed [s2/m]."""
 
