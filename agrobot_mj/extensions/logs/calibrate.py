@@ -90,8 +90,7 @@ LAGS = {
 }
 """Effects on the latencies relative to a gyro, due to linkage, tyres and body roll [s]. The values of this and the
 following constants are means and spreads of calibrations of 100 simulated machines."""
-STEERING_S = _Lag(0.012, 0.022)  # Additional effect on latencies that are relative to the steering [s]
-AHEAD_S = _Lag(-0.005, 0.025)  # Effect on the distance of the antenna ahead, divided by the speed [s]
+AHEAD_S = _Lag(-0.001, 0.012)  # Effect on the distance of the antenna ahead, divided by the speed [s]
 WHEEL_S2_M = _Lag(-1 / 60, 1 / 60)
 """Effect of slip of accelerating wheels on the latency of a wheel speed, divided by the speed [s2/m]."""
 
@@ -112,7 +111,8 @@ class _Drive(NamedTuple):
         if key in LAGS:
             yield LAGS[key]
         if key in LAGS and key != "steer.delay_s" and not self.gyro:
-            yield STEERING_S
+            steering = LAGS["steer.delay_s"]  # the latency of the steering relative to a gyro
+            yield steering._replace(mean=-steering.mean)
         if key == "speed.delay_s" and self.wheel_speed:
             yield WHEEL_S2_M.times(self.speed)
         if key == "position.ahead_m":

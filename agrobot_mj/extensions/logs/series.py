@@ -48,18 +48,9 @@ class TimeSeries(NamedTuple):
 
     def at(self, t: Array) -> Array:
         """Return the values at times `t` (m,) by Akima interpolation. Values beyond both ends are constant."""
-        return self.smooth()(t)
-
-    def smooth(self) -> Callable[[Array], Array]:
-        """Return an Akima spline through the series, as a function of times (m,), constant beyond both ends."""
         # linear interpolation between samples 50 ms apart would reduce an oscillation of 1 Hz by 0.8 %
-        cubics = Akima1DInterpolator(self.t, self.value)
-
-        def at(t: Array) -> Array:
-            found: Array = cubics(np.clip(t, self.t[0], self.t[-1]))
-            return found
-
-        return at
+        found: Array = Akima1DInterpolator(self.t, self.value)(np.clip(t, self.t[0], self.t[-1]))
+        return found
 
     def between(self, start: float, end: float) -> "TimeSeries":
         """Return the part of the series from `start` to `end` [s]."""

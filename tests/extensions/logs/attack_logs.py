@@ -203,7 +203,7 @@ def twins(chance: random.Random) -> str:
     words = ["twin", *log.split(), "--map", column_map, "--set", "plant.kind=bicycle", "--out", "out"]
     words += [part] if part == "--describe" else ["--only", part] if part else []
     words += chance.choice(MORE).split() if chance.random() < 0.2 else []
-    with patch.multiple(fit, ROUNDS=1, SHORT=1, DRAWS=3), warnings.catch_warnings(action="error"):
+    with patch.multiple(fit, ROUNDS=1, SHORT=1, PAIRS=2), warnings.catch_warnings(action="error"):
         found = call(words)
     return f"{told}: {found}" if found else ""
 

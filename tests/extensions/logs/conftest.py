@@ -12,4 +12,4 @@ def quick_fit(monkeypatch):
     """
     monkeypatch.setattr(fit, "ROUNDS", 1)
     monkeypatch.setattr(fit, "SHORT", 1)
-    monkeypatch.setattr(fit, "DRAWS", 3)
+    monkeypatch.setattr(fit, "PAIRS", 2)

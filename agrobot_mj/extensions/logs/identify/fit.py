@@ -14,6 +14,7 @@ prior, which acts as an additional measurement in the fit and in the covariance.
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
+from itertools import product
 from math import radians
 from typing import NamedTuple
 
@@ -37,7 +38,7 @@ whether the first rounds, with their preliminary noise models, have led to a wor
 ROUNDS = 3  # Number of rounds of whitening and fitting. Two rounds suffice for convergence.
 SLOW_S = 60.0
 """Maximum time difference between windows whose errors may be correlated [s], limited to a third of the log."""
-DRAWS = 12  # Number of noise realisations that are added to the recorded wheel angle and speed
+PAIRS = 6  # Number of noise realisations that are added to, and subtracted from, the recorded wheel angle and speed
 NUISANCE = ("gyro_offset", "heading_offset", "speed_error")
 """Sensor errors that are fitted if identifiable but are not reported."""
 
@@ -193,6 +194,9 @@ def fit(data: VehicleData, names: Sequence[str], priors: Mapping[str, Prior] | N
     shift, scatter = _noisy_input(problem, x, units, information)
     covariance, freedom = _bootstrap(J, r, information, units.weight**2)
     covariance = (covariance + scatter) * np.outer(scale, scale)
+    # a parameter at its bound does not follow small noise, so that the estimated bias is uncertain
+    at_bound = np.minimum(x - units.low, units.high - x) < 1e-2 * scale
+    covariance += np.diag(np.where(at_bound, shift * scale, 0.0) ** 2)
     if "backlash" in names:  # noise hides a play of the same size
         covariance[names.index("backlash"), names.index("backlash")] += data.steer_noise**2
     x = np.clip(x - shift * scale, units.low, units.high)
@@ -260,36 +264,44 @@ def _noisy_input(problem: Problem, x: Array, units: _Units, information: Array) 
     """Return the bias and covariance of the scaled parameters due to noise in the recorded inputs.
 
     Noise with the estimated standard deviation is added to the inputs, and one step of the fit follows. To first order,
-    the resulting parameter change equals the effect of the noise already present [Cook1994].
+    the resulting parameter change equals the effect of the noise already present [Cook1994]. Each realisation is also
+    subtracted, so that the effects linear in the noise cancel in the mean. Effects in different windows are
+    independent, so that their covariances add.
     """
     data, steps, clean = problem.data, [], _gradient(problem, x, units)
-    for k in range(DRAWS):
+    for k, sign in product(range(PAIRS), (1.0, -1.0)):
         randoms = stream(k, "identify.steer"), stream(k, "identify.speed")
-        pieces = tuple(_with_noise(piece, data, *randoms) for piece in data.pieces)
+        pieces = tuple(_with_noise(piece, data, sign, *randoms) for piece in data.pieces)
         noisy = Problem(data._replace(pieces=pieces), problem.names, problem.noise)
-        steps.append(-np.linalg.solve(information, _gradient(noisy, x, units) - clean))
-    return np.mean(steps, axis=0), np.cov(np.array(steps).T)
+        steps.append(np.linalg.solve(information, (clean - _gradient(noisy, x, units)).T).T)
+    added, subtracted = np.array(steps[::2]), np.array(steps[1::2])
+    odd, even = (added - subtracted) / 2, (added + subtracted) / 2
+    bias = even.mean(axis=0)
+    parts = np.sqrt(1 / PAIRS) * odd, np.sqrt(1 / (PAIRS - 1)) * (even - bias)
+    covariance: Array = np.sum([np.einsum("kwp,kwq->pq", each, each) for each in parts], axis=0)
+    return bias.sum(axis=0), covariance
 
 
 def _gradient(problem: Problem, x: Array, units: _Units) -> Array:
-    """Return the gradient of half the sum of squared residuals with respect to the scaled parameters."""
-    r, found = problem.blocks(x), np.empty(len(x))
+    """Return the gradient of half the squared residuals of each window with respect to the scaled parameters, shape
+    (windows, parameters)."""
+    r, found = problem.blocks(x), []
     for k, step in enumerate(0.05 * units.scale):
         moved = x.copy()
         moved[k] = x[k] + step if x[k] + step <= units.high[k] else x[k] - step
-        found[k] = ((problem.blocks(moved) - r) * r).sum() * units.scale[k] / (moved[k] - x[k])
-    return found
+        found.append(((problem.blocks(moved) - r) * r).sum(axis=1) * units.scale[k] / (moved[k] - x[k]))
+    return np.stack(found, axis=1)
 
 
 def _with_noise(
-    piece: FitPiece, data: VehicleData, of_steer: np.random.Generator, of_speed: np.random.Generator
+    piece: FitPiece, data: VehicleData, sign: float, of_steer: np.random.Generator, of_speed: np.random.Generator
 ) -> FitPiece:
     assert piece.recording.steer is not None
     inputs = (
         (piece.recording.steer.t, data.steer_noise, of_steer),
         (piece.recording.speed.t, data.speed_noise, of_speed),
     )
-    steer, u = (np.interp(piece.t, t, sigma * random.standard_normal(len(t))) for t, sigma, random in inputs)
+    steer, u = (np.interp(piece.t, t, sign * sigma * random.standard_normal(len(t))) for t, sigma, random in inputs)
     steer, u = low_pass(steer, data.play_cut_off_hz), low_pass(u, SPEED_CUT_OFF_HZ)
     return piece._replace(steer=piece.steer + steer, u=piece.u + u)
 

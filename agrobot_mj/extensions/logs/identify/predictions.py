@@ -142,7 +142,8 @@ def _of_piece(p: Mapping[str, float], data: VehicleData, piece: FitPiece, m: Lat
 def _dead_reckoned(p: Mapping[str, float], piece: FitPiece, m: LateralMotion) -> tuple[Array, Array]:
     """Return east and north coordinates of the antenna by dead reckoning along the recorded heading, (n,) [m]."""
     assert piece.heading is not None
-    yaw = piece.heading(piece.t + p.get("heading_delay_s", 0.0)) - p.get("heading_offset", 0.0)
+    later = piece.t + p.get("heading_delay_s", 0.0)
+    yaw = np.interp(later, piece.t, piece.heading) - p.get("heading_offset", 0.0)
     u, c, s = rear_axle_speed(p, piece), np.cos(yaw), np.sin(yaw)
     x, y = (cumulative_trapezoid(v, dx=STEP_S, initial=0) for v in (u * c - m.side * s, u * s + m.side * c))
     return _point(p, piece, u * m.yaw_rate, x, y, yaw)

@@ -1,6 +1,6 @@
 """Windows of recordings for a fit: measured channels and model inputs in each window."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from math import inf, radians
 from typing import NamedTuple
@@ -60,8 +60,7 @@ class FitPiece(NamedTuple):
     yaw_rate: Array | None
     """Yaw rate from gyro or heading for converting the recorded antenna speed to the rear axle [rad/s]. None if no
     conversion is needed, or if the yaw rate comes from the course."""
-    heading: Callable[[Array], Array] | None
-    """Function that interpolates the recorded heading [rad], or None if there is no heading."""
+    heading: Array | None  # Recorded heading after a low-pass filter [rad], or None if there is no heading
     windows: slice  # Index range of the windows, in each channel, that belong to this segment
 
 
@@ -150,15 +149,24 @@ def _low_pass(cut_off: float) -> Array:
 def _piece(recording: FieldRecording, windows: slice, cut_off: float) -> FitPiece:
     t = np.arange(recording.start, recording.end, STEP_S)
     steer = low_pass(recording.steer.at(t), cut_off) if recording.steer else np.zeros(len(t))
-    heading, u, rate = recording.heading.smooth() if recording.heading else None, recording.speed.at(t), None
+    heading, u, rate = _smooth_heading(recording.heading, t) if recording.heading else None, recording.speed.at(t), None
     if recording.antenna_speed and recording.yaw_rate:
         rate, (ahead, left, _) = np.interp(t, *recording.yaw_rate), recording.arm
         u = np.sign(u) * np.hypot(u - left * rate, ahead * rate)
         if recording.yaw_rate_source == "course":
             rate = None  # the course rate differs from the yaw rate of a machine with its antenna ahead
-        elif heading and recording.yaw_rate_source == "heading":  # sharper than the derivative of local cubic fits
-            rate = np.gradient(low_pass(heading(t), CUT_OFF_HZ), STEP_S)
+        elif heading is not None and recording.yaw_rate_source == "heading":
+            rate = np.gradient(heading, STEP_S)  # sharper than the derivative of local cubic fits
     return FitPiece(recording, t, steer, low_pass(u, SPEED_CUT_OFF_HZ), rate, heading, windows)
+
+
+def _smooth_heading(heading: TimeSeries, t: Array) -> Array:
+    """Return the heading at times `t` [rad] after a low-pass filter at a quarter of the sample rate or less.
+
+    Without the filter, the noise between samples is less than the noise at samples. The fit would then prefer latencies
+    at which positions depend on headings between samples.
+    """
+    return low_pass(heading.at(t), min(CUT_OFF_HZ, 0.25 / _spacing([heading])))
 
 
 def _white_noise(recordings: Sequence[FieldRecording], part: str) -> float:

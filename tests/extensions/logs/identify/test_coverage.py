@@ -7,7 +7,8 @@ import pytest
 from machines import INERTIA, L_F, L_R, MASS, tyred_log
 from scipy.special import stdtrit
 
-from agrobot_mj.extensions.logs.identify.fit import fit
+from agrobot_mj.core.randomness import stream
+from agrobot_mj.extensions.logs.identify import fit
 from agrobot_mj.extensions.logs.identify.model import Chassis2
 from agrobot_mj.extensions.logs.identify.windows import prepare
 from agrobot_mj.extensions.logs.recording import read_recording
@@ -27,14 +28,19 @@ def hidden(seed):
     return np.array([1 / C_f, 1 / C_r, sigma_f, sigma_r, offset, delay, backlash])
 
 
-def deviations(seed, **how):
-    """Return fitted minus hidden parameters, divided by the half width of the 95 % interval."""
-    front, rear, sigma_f, sigma_r, offset, delay, backlash = true = hidden(seed)
+def fitted(seed, **how):
+    """Return the fit to the log of a machine."""
+    front, rear, sigma_f, sigma_r, offset, delay, backlash = hidden(seed)
     log = tyred_log(seed, 1 / front, 1 / rear, sigma_f, sigma_r, backlash, offset, delay, **how)
     recording = read_recording(log, None, 2.0).between(0.0, 1e9)
-    found = fit(prepare([recording], Chassis2(MASS, INERTIA, L_F, L_R, True)), NAMES)
+    return fit.fit(prepare([recording], Chassis2(MASS, INERTIA, L_F, L_R, True)), NAMES)
+
+
+def deviations(seed, **how):
+    """Return fitted minus hidden parameters, divided by the half width of the 95 % interval."""
+    found = fitted(seed, **how)
     half = stdtrit(found.freedom, 0.975) * np.sqrt(np.diag(found.covariance))
-    return (found.value - np.concatenate([true, [radians(0.02), 0.0]])) / half
+    return (found.value - np.concatenate([hidden(seed), [radians(0.02), 0.0]])) / half
 
 
 def test_identified_parameters_are_close_to_the_true_values():
@@ -47,6 +53,21 @@ def test_steering_sensor_noise_does_not_reduce_identified_tyre_stiffness():
     """If the modelled wheels followed 0.3 deg of noise through the play, the stiffness would be a fifth too low."""
     off = np.array([deviations(seed, noise_deg=0.3, duration=120.0) for seed in (1,)])
     assert np.abs(off[:, [0, 1, 5]]).max() < 1
+
+
+def test_interval_of_a_parameter_fitted_at_its_bound_is_wide():
+    """Noise of 0.3 deg reduces the front relaxation length of this machine to zero."""
+    off = deviations(493, noise_deg=0.3, duration=120.0)
+    assert abs(off[2]) < 1
+
+
+def test_error_of_the_centre_hardly_depends_on_the_added_noise(monkeypatch):
+    monkeypatch.setattr(fit, "ROUNDS", 1)
+    errors = []
+    for first in (0, 100, 200):
+        monkeypatch.setattr(fit, "stream", lambda k, name, first=first: stream(first + k, name))
+        errors.append(fitted(1, noise_deg=0.3).errors["steer_offset"])
+    assert max(errors) < 1.1 * min(errors)
 
 
 @pytest.mark.slow

@@ -8,11 +8,12 @@ import pytest
 from scipy.stats import t as student
 
 from agrobot_mj.extensions.logs.identify.fit import SLOW_S, VehicleFit, _bootstrap, noise_of, whiten
-from agrobot_mj.extensions.logs.identify.model import Chassis2
+from agrobot_mj.extensions.logs.identify.model import STEP_S, Chassis2
 from agrobot_mj.extensions.logs.identify.vehicle import vehicle_quantities
-from agrobot_mj.extensions.logs.identify.windows import WINDOW_S, prepare
+from agrobot_mj.extensions.logs.identify.windows import WINDOW_S, _smooth_heading, prepare
 from agrobot_mj.extensions.logs.maps import LogMap
 from agrobot_mj.extensions.logs.recording import read_recording
+from agrobot_mj.extensions.logs.series import TimeSeries
 
 CHASSIS = Chassis2(750.0, 400.0, 0.9, 0.5, False)
 
@@ -86,3 +87,22 @@ def test_noise_model_is_autoregressive_and_finite_for_zero_residuals():
     assert white.std() == pytest.approx(1.0, rel=0.02)
     assert abs(np.corrcoef(white[:, 1:].ravel(), white[:, :-1].ravel())[0, 1]) < 0.03
     assert not whiten(np.zeros((2, 50)), noise_of(np.zeros((2, 50)), 0.1)).any()
+
+
+@pytest.mark.parametrize("rate_hz", [4.0, 10.0, 20.0])
+def test_heading_noise_is_equal_at_samples_and_between_samples(rate_hz):
+    """Otherwise, a fit prefers latencies at which positions depend on headings between samples."""
+    t = np.arange(0.0, 1000.0, 1 / rate_hz)
+    noise = TimeSeries(t, np.random.default_rng(5).standard_normal(len(t)))
+    steps = np.arange(0.0, t[-1], STEP_S)
+    heading = _smooth_heading(noise, steps)
+    at, between = (np.interp(t[1:-1] + later, steps, heading).std() for later in (0.0, 0.5 / rate_hz))
+    assert between == pytest.approx(at, rel=0.05)
+
+
+def test_smoothed_heading_follows_quick_bends_of_a_machine():
+    t = np.arange(0.0, 60.0, 0.25)
+    steps = np.arange(2.0, 58.0, STEP_S)
+    swings = 0.2 * np.sin(2 * np.pi * 0.4 * steps)
+    found = _smooth_heading(TimeSeries(t, 0.2 * np.sin(2 * np.pi * 0.4 * t)), steps)
+    assert np.abs(found - swings)[100:-100].max() < 0.02 * 0.2
