@@ -232,6 +232,8 @@ def standard_error(values: Sequence[float]) -> float:
 
 def centres_differ(centres: Sequence[SteeringCentre], rough: RoughSteering) -> bool:
     """Return whether the lowest and the highest of several steering centres differ significantly."""
+    if len(centres) < 2:
+        return False
     low, high = min(centres), max(centres)
     apart = high.value - low.value - SIGMAS * hypot(low.error, high.error)
     return degrees(abs(rough.scale)) * apart > MOVED_DEG
