@@ -24,6 +24,7 @@ from agrobot_mj.extensions.fields.options import (
     OnDelay,
     Order,
     Overlap,
+    PlanSections,
     PlanWidth,
     Price,
     Radius,
@@ -103,7 +104,7 @@ def field_run(
     radius: Radius = None,
     speed: Speed = 2.0,
     overlap: Overlap = 0.0,
-    sections: Sections = 1,
+    sections: PlanSections = None,
     on_delay: OnDelay = 0.0,
     off_delay: OffDelay = 0.0,
     look_ahead: LookAhead = 0.0,
@@ -142,16 +143,17 @@ def field_run(
     given = _with_terrain(field, given, quiet)
     stored = stored_plan(plan_file) if plan_file else None
     worked = width or (stored.width if stored else DEFAULT_WIDTH_M)
+    number = sections or (stored.sections if stored else 1)
     base, rig = _rig(field, worked, stored.overlap if stored else overlap, turn, speed, radius, given, no_reverse)
     if out is not None:
         check_folder(out, (*files_of_run(base), *FILES))
     if plan_file is None:
-        plan = _plan(field, rig, headlands, turn, order, _frame(field, base, angle, along), sections, beyond)
+        plan = _plan(field, rig, headlands, turn, order, _frame(field, base, angle, along), number, beyond)
     else:
-        plan = given_plan(plan_file, stored, field, rig, sections)
+        plan = given_plan(plan_file, stored, field, rig, number)
     rows = crop_rows(plan, row_spacing, row_angle)
     _warn(plan, quiet)
-    boom = Boom(worked, sections, on_delay, off_delay, look_ahead, look_ahead)
+    boom = Boom(worked, number, on_delay, off_delay, look_ahead, look_ahead)
     return drive(field, plan, base, rig, boom, given, out, not no_rrd, quiet, resume, prices, rows)
 
 
