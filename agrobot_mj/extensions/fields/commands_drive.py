@@ -15,14 +15,16 @@ from agrobot_mj.extensions.fields.options import (
     Angle,
     Beyond,
     Crs,
-    Delay,
     FieldFile,
     FieldName,
     Headlands,
     LookAhead,
     NoReverse,
+    OffDelay,
+    OnDelay,
     Order,
     Overlap,
+    PlanSections,
     PlanWidth,
     Price,
     Radius,
@@ -102,9 +104,9 @@ def field_run(
     radius: Radius = None,
     speed: Speed = 2.0,
     overlap: Overlap = 0.0,
-    sections: Sections = 1,
-    on_delay: Delay = 0.0,
-    off_delay: Delay = 0.0,
+    sections: PlanSections = None,
+    on_delay: OnDelay = 0.0,
+    off_delay: OffDelay = 0.0,
     look_ahead: LookAhead = 0.0,
     guidance: Annotated[str | None, typer.Option(metavar="KIND", help="Guidance law.")] = None,
     plan_file: Annotated[
@@ -141,16 +143,17 @@ def field_run(
     given = _with_terrain(field, given, quiet)
     stored = stored_plan(plan_file) if plan_file else None
     worked = width or (stored.width if stored else DEFAULT_WIDTH_M)
+    number = sections or (stored.sections if stored else 1)
     base, rig = _rig(field, worked, stored.overlap if stored else overlap, turn, speed, radius, given, no_reverse)
     if out is not None:
         check_folder(out, (*files_of_run(base), *FILES))
     if plan_file is None:
-        plan = _plan(field, rig, headlands, turn, order, _frame(field, base, angle, along), sections, beyond)
+        plan = _plan(field, rig, headlands, turn, order, _frame(field, base, angle, along), number, beyond)
     else:
-        plan = given_plan(plan_file, stored, field, rig, sections)
+        plan = given_plan(plan_file, stored, field, rig, number)
     rows = crop_rows(plan, row_spacing, row_angle)
     _warn(plan, quiet)
-    boom = Boom(worked, sections, on_delay, off_delay, look_ahead, look_ahead)
+    boom = Boom(worked, number, on_delay, off_delay, look_ahead, look_ahead)
     return drive(field, plan, base, rig, boom, given, out, not no_rrd, quiet, resume, prices, rows)
 
 

@@ -46,16 +46,21 @@ def given_plan(file: Path, stored: Plan | None, field: Field, rig: FieldMachine,
     """
     plan = stored or _of_lines(file, field, rig, sections)
     if stored is not None:
-        _check(stored, file.name, rig)
+        _check(stored, file.name, rig, sections)
     left = leaving(area_of(field, 0, rig), plan.start, plan.pieces, plan.passes)
     known = [warning for warning in plan.warnings if not warning.startswith(LEAVES)]
     return replace(plan, warnings=(*known, *left.warnings()))
 
 
-def _check(plan: Plan, name: str, rig: FieldMachine) -> None:
-    """Raise `ScenarioError` if the machine differs from the plan in working width, or cannot follow a bend."""
+def _check(plan: Plan, name: str, rig: FieldMachine, sections: int) -> None:
+    """Raise `ScenarioError` if the implement differs from the plan in width or sections, or a bend is too tight."""
     if abs(plan.width - rig.width) > SAME_M:
         raise ScenarioError(f"--width {rig.width:g}: the plan {name} is for a width of {plan.width:g} m; omit --width")
+    if any(len(each.sections) != sections for each in plan.passes):
+        raise ScenarioError(
+            f"--sections {sections}: the plan {name} is for {plan.sections} sections; omit --sections, or make another "
+            "plan"
+        )
     if rig.forward_only and (plan.course.directions < 0).any():
         raise ScenarioError(
             f"--plan {name}: has reverse segments, which --no-reverse and drawn implements exclude; make another plan"

@@ -67,5 +67,16 @@ RowSpacing = Annotated[
 RowAngle = Annotated[float | None, _direction("Direction of crop rows, from east. Default: along the swaths.")]
 Resume = Annotated[bool, typer.Option("--resume", help="Continue the interrupted drive with the same options.")]
 Sections = Annotated[int, typer.Option(min=1, max=200, help="Number of sections of the implement.")]
-Delay = Annotated[float, typer.Option(min=0, max=10, callback=finite, help="Switching delay of a section [s].")]
+PlanSections = Annotated[
+    int | None,
+    typer.Option(
+        "--sections", min=1, max=200, help="Number of sections of the implement. Default: 1, or that of the plan."
+    ),
+]
+OnDelay = Annotated[
+    float, typer.Option(min=0, max=10, callback=finite, help="Delay from the command until a section works [s].")
+]
+OffDelay = Annotated[
+    float, typer.Option(min=0, max=10, callback=finite, help="Delay from the command until a section stops [s].")
+]
 LookAhead = Annotated[float, typer.Option(min=0, max=10, callback=finite, help="Look-ahead of section control [s].")]

@@ -65,6 +65,11 @@ class Plan:
         return sum(piece.length for piece in self.pieces)
 
     @property
+    def sections(self) -> int:
+        """Maximum number of sections of a pass."""
+        return max((len(each.sections) for each in self.passes), default=1)
+
+    @property
     def working_length(self) -> float:
         """Total length of all passes [m]."""
         return sum(each.end - each.start for each in self.passes)

@@ -211,8 +211,9 @@ def calibrate_log(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibrati
     centres = tuple(
         centre for half in split_at(cut.kept, 0.5) if (centre := centre_of(half, t.wheelbase_m, rough)) is not None
     )
+    moves = centres_differ(centres, rough)
     # a centre that moves resembles two scales
-    sides = ("steer_right",) if rough.right != 1.0 or len(centres) < 2 or not centres_differ(centres, rough) else ()
+    sides = ("steer_right",) if rough.right != 1.0 or not moves else ()
     result = fit(data, (*_names(data), *sides), known)
     left = result.values["steer_scale"]
     for more in (left, left * result.values.get("steer_right", rough.right) / rough.right):
@@ -234,6 +235,12 @@ def calibrate_log(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibrati
     steady, mean = fast < TWO_SPEEDS * slow, (slow + fast) / 2
     drive = _Drive(wander, bends, steady, scrub(scenario), gyro, mean, log_map.speed.of == "wheel")
     found = _quantities_of_fit(result, rough, log_map, drive)
+    if moves:  # the fit assumes a constant centre; latencies compensate for the difference
+        found |= {
+            key: each._replace(identified=False)
+            for key, each in found.items()
+            if key == "steer.offset" or key.endswith(".delay_s")
+        }
     return Calibration(found, log_map, cut._replace(kept=angles), rough, data, result, centres)
 
 

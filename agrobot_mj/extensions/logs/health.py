@@ -2,7 +2,7 @@
 position.
 
 The computation requires neither segments of several seconds nor known machine parameters. The steering centre follows
-from a regression without slip and is independent of the wheelbase. If the centre changes or differs from the map, the
+from a regression without slip, which does not require the wheelbase. If the centre changes or differs from the map, the
 sensor has probably slipped.
 """
 
@@ -29,12 +29,17 @@ from agrobot_mj.extensions.logs.steering import (
     centre_of,
     centres_differ,
     line_of,
+    most_linear,
     standard_error,
     turning,
     two_sided,
 )
 
-WHEELBASE_M = 2.0  # Wheelbase in the regression [m]. Assumed value, which only affects the scale.
+WHEELBASE_M = 2.0  # Wheelbase in the first regression [m]. Assumed value, which only affects the scale of small angles.
+WHEELBASES = (0.5, 0.7, 1.0, 1.4, 2.0)
+"""Wheelbases in the second regression, divided by `WHEELBASE_M` [-]. In tight bends, a wrong wheelbase makes the
+relation between sensor value and wheel angle nonlinear, which shifts the centre of sections with bends in one
+direction."""
 PART_S, MOST_PARTS = 15.0, 6
 """Minimum driving time [s] of a log section with a separate steering centre, and maximum number of these sections."""
 TOLD = 0.5
@@ -92,6 +97,8 @@ def _steering(recording: FieldRecording) -> tuple[RoughSteering | None, tuple[Ce
     found = turning([recording], WHEELBASE_M)
     if found is None or len(found.angle) < LEAST_SAMPLES:
         return None, ()
+    ratio = most_linear(found, line_of(found), WHEELBASES)
+    found, wheelbase = found.with_wheelbase(ratio), ratio * WHEELBASE_M
     rough = two_sided(found, line_of(found))
     seen = moving(recording, recording.yaw_rate)
     number = min(MOST_PARTS, int(len(seen.t) * np.median(np.diff(seen.t)) / PART_S))
@@ -99,7 +106,7 @@ def _steering(recording: FieldRecording) -> tuple[RoughSteering | None, tuple[Ce
     parts = []
     for start, end in pairwise(float(seen.t[k]) for k in borders):
         part = recording._replace(yaw_rate=recording.yaw_rate.between(start, end))
-        if (centre := centre_of([part], WHEELBASE_M, rough)) is not None:
+        if (centre := centre_of([part], wheelbase, rough)) is not None:
             parts.append(CentrePart(start, end, centre))
     return rough, tuple(parts)
 

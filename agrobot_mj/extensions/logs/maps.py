@@ -221,7 +221,7 @@ AGOPENGPS_MAP = LogMap(
     title="CSV in the units and signs of the AgOpenGPS family",
     time=TimeColumn(column="time_s"),
     steer=SteerColumn(column="steer_angle_deg", positive="right"),
-    speed=SpeedColumn(column="speed_km_h", unit="km/h"),
+    speed=SpeedColumn(column="speed_km_h", unit="km/h", of="antenna"),
     position=PositionColumns(latitude="latitude", longitude="longitude", quality="fix_quality"),
 )
 """Built-in column map for the CSV format in docs/extensions/logs/replay.md: right positive, km/h, quality as in GGA."""

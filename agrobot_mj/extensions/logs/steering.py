@@ -30,6 +30,9 @@ to its standard error [-]. Assumed values: the scale factors of typical linkages
 LEAST_SIDE, SIDE_RAD = 0.1, radians(2.0)
 """Criteria for separate scales to the left and right: minimum fraction of samples on each side [-], and minimum wheel
 angle of these samples [rad]. Assumed values."""
+MORE_LINEAR = 0.8
+"""Maximum unexplained variance with the most suitable wheelbase, divided by that with the first wheelbase [-]. Assumed
+value."""
 BLOCKS = 6  # Number of blocks into which a log is divided for standard errors by the jackknife
 CENTRES = 101  # Number of steering centres that each step of a search evaluates
 MOVED_DEG, SIGMAS = 1.0, 3.0
@@ -76,6 +79,11 @@ class TurningSamples(NamedTuple):
     reading: Array  # Raw sensor values for each latency in `AGES_S`, shape (latencies, n) [unit of the sensor]
     angle: Array  # Wheel angle that gives the measured yaw rate without slip [rad], shape (n,)
     weight: Array  # Weights of the samples, shape (n,)
+
+    def with_wheelbase(self, ratio: float) -> "TurningSamples":
+        """Return the samples for a wheelbase that is multiplied by `ratio`."""
+        angle = np.arctan(ratio * np.tan(self.angle))
+        return self._replace(angle=angle, weight=self.weight * np.square(np.cos(angle) / np.cos(self.angle)))
 
 
 def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughSteering:
@@ -139,8 +147,20 @@ def _line(reading: Array, angle: Array, weight: Array) -> tuple[float, float, fl
     return 1.0 - float((off**2).sum() / (spread**2).sum()), float(slope), float(-level / slope)
 
 
+def most_linear(found: TurningSamples, line: RoughSteering, ratios: Sequence[float]) -> float:
+    """Return the factor of the wheelbase, from `ratios`, with which a line at the latency of `line` explains the most
+    variance of the wheel angle. Return 1 if the unexplained variance hardly depends on the wheelbase."""
+    reading = found.reading[int(np.abs(AGES_S - line.age).argmin())]
+    tried = ((found.with_wheelbase(ratio), ratio) for ratio in ratios)
+    explained, ratio = max((_line(reading, each.angle, each.weight)[0], ratio) for each, ratio in tried)
+    return ratio if 1.0 - explained < MORE_LINEAR * (1.0 - line.explained) else 1.0
+
+
 def two_sided(found: TurningSamples, line: RoughSteering) -> RoughSteering:
-    """Return two lines that meet at the centre if the left and right scales differ significantly, otherwise `line`."""
+    """Return two lines that meet at the centre if the left and right scales differ significantly, otherwise `line`.
+
+    A centre that moves during the log also resembles two scales. Therefore the two lines must explain more than one
+    scale with a separate centre in each block."""
     if min(np.mean(side * found.angle > SIDE_RAD) for side in (1, -1)) < LEAST_SIDE:
         return line
     samples = np.stack([found.reading[int(np.abs(AGES_S - line.age).argmin())], found.angle, found.weight])
@@ -149,7 +169,16 @@ def two_sided(found: TurningSamples, line: RoughSteering) -> RoughSteering:
     parts = [_meeting(samples[:, block != k], line) for k in range(BLOCKS)]
     error = sqrt((BLOCKS - 1) * float(np.var([part.right for part in parts])))
     differ = abs(np.log(max(whole.right, 1e-3))) > max(SIDES_DIFFER, SURELY * error / whole.right)
-    return whole if differ else line
+    return whole if differ and whole.explained > _explained_by_blocks(samples, block) else line
+
+
+def _explained_by_blocks(samples: Array, block: Array) -> float:
+    """Return the fraction of variance that one scale with a separate centre in each `block` explains."""
+    _, angle, weight = samples
+    terms = weight * np.vstack([samples[0], block == np.arange(BLOCKS)[:, None]])
+    off = weight * angle - np.linalg.lstsq(terms.T, weight * angle)[0] @ terms
+    spread = weight * (angle - np.average(angle, weights=weight**2))
+    return 1.0 - float(off @ off / (spread @ spread))
 
 
 def _meeting(samples: Array, line: RoughSteering) -> RoughSteering:
@@ -203,6 +232,8 @@ def standard_error(values: Sequence[float]) -> float:
 
 def centres_differ(centres: Sequence[SteeringCentre], rough: RoughSteering) -> bool:
     """Return whether the lowest and the highest of several steering centres differ significantly."""
+    if len(centres) < 2:
+        return False
     low, high = min(centres), max(centres)
     apart = high.value - low.value - SIGMAS * hypot(low.error, high.error)
     return degrees(abs(rough.scale)) * apart > MOVED_DEG

@@ -54,6 +54,8 @@ def sentences(c: Calibration, tractor: TractorParameters) -> list[str]:
             f"The steering angle reaches {largest:.0f} deg, but tractor.steer_limit_deg is "
             f"{tractor.steer_limit_deg:g}; increase the limit."
         )
+    if centres_differ(c.centres, c.rough):
+        return found
     return [*found, *advice(c.pieces.kept, [key for key, each in c.found.items() if not each.identified])]
 
 

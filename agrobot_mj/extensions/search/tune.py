@@ -63,7 +63,10 @@ def tunable(scenario: Scenario) -> dict[str, Limits]:
     if driving is not law:
         found |= {f"controller.{key}": limits for key, limits in controller.tunable.items()}
     if not (found and driving.follows_path):
-        raise ScenarioError(f"guidance.kind: {law.kind!r} has no tunable gains; specify another law")
+        raise ScenarioError(
+            f"guidance.kind: {law.kind!r} has no tunable gains; specify another law, or define `tunable` in the class "
+            "of your law"
+        )
     return found
 
 

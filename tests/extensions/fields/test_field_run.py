@@ -271,6 +271,16 @@ def test_error_for_an_invalid_plan_file_names_the_file(call, tmp_path):
     )
 
 
+def test_number_of_sections_is_taken_from_the_plan(call, tmp_path):
+    field, planned, out = str(boundary(tmp_path)), tmp_path / "planned", tmp_path / "out"
+    call("field", "plan", field, "--sections", "3", "--out", str(planned))
+    short = ("--set", "duration_s=30", "--set", "plant.kind=bicycle", "--no-rrd", "--out", str(out))
+    call("field", "run", field, "--plan", str(planned / "field_plan.json"), *short)
+    found = json.loads((out / "coverage.json").read_text())
+    assert found["sections"] == 3
+    assert found["areas"]["field"]["overlapped_percent"] < 1.0
+
+
 def test_run_that_ends_before_the_implement_moves_writes_no_files(call, tmp_path):
     short = ("--set", "duration_s=0.05", "--set", "plant.kind=bicycle", "--no-rrd", "--out", str(tmp_path / "out"))
     status, _, err = call("field", "run", str(boundary(tmp_path)), *short)

@@ -70,6 +70,15 @@ def test_plan_of_another_working_width_is_rejected(tmp_path):
         given_plan(file, stored_plan(file), RECTANGLE, machine(4.0), 1)
 
 
+def test_plan_of_another_number_of_sections_is_rejected(tmp_path):
+    file = tmp_path / "plan.json"
+    file.write_text(json.dumps(to_json(plan_of_legs("field", (EAST, WEST), machine(), 3))))
+    stored = stored_plan(file)
+    assert given_plan(file, stored, RECTANGLE, machine(), stored.sections).passes == stored.passes
+    with pytest.raises(ScenarioError, match=r"--sections 1: the plan plan.json is for 3 sections; omit --sections, or"):
+        given_plan(file, stored, RECTANGLE, machine(), 1)
+
+
 def test_error_for_plan_lines_names_the_stored_plan_next_to_them(tmp_path):
     back = {"type": "LineString", "coordinates": [[0, 10], [30, 10], [30, 10], [5, 10.1]]}
     name = {"type": "name", "properties": {"name": "local plane in metres"}}

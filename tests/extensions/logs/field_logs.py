@@ -18,8 +18,12 @@ def path(duration=60.0, speed=2.0, swing_deg=8.0, reverse=()):
     u = speed * (1 + 0.2 * np.sin(t / 7))
     for start, end in reverse:
         u = u * np.interp(t, [start - 1, start, start + 1, end - 1, end, end + 1], [1, 0, -1, -1, 0, 1])
-    wheel = radians(swing_deg) * (0.6 * np.sin(t / 2.1) + 0.4 * np.sin(t / 0.9))
-    yaw = np.cumsum(u * np.tan(wheel) / WHEELBASE_M) * STEP_S
+    return motion(t, u, radians(swing_deg) * (0.6 * np.sin(t / 2.1) + 0.4 * np.sin(t / 0.9)))
+
+
+def motion(t, u, wheel, wheelbase=WHEELBASE_M):
+    """Return time, signed speed, wheel angle, x, y and yaw of the rear axle for speeds and wheel angles at 100 Hz."""
+    yaw = np.cumsum(u * np.tan(wheel) / wheelbase) * STEP_S
     x, y = (np.cumsum(u * each) * STEP_S for each in (np.cos(yaw), np.sin(yaw)))
     return t, u, wheel, x, y, yaw
 

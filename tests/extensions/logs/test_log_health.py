@@ -1,10 +1,12 @@
 """Health of a log without a fit: position noise, bursts, steering centre over time, and antenna position."""
 
+from math import radians
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pytest
-from field_logs import WHEELBASE_M, field_log, field_map, path, recorded
+from field_logs import WHEELBASE_M, field_log, field_map, motion, path, recorded
 
 from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.health import health_lines
@@ -76,6 +78,24 @@ def test_steering_centre_that_moves_within_a_log_is_reported():
     columns["steer"] += np.where(columns["t"] > 50, 20, 0)
     told = lines_of(columns)[-1]
     assert told.endswith("within this log; check whether the sensor is loose")
+    assert float(told.split("moves by ")[1].split()[0]) == pytest.approx(20, abs=2)
+
+
+def test_centres_are_correct_for_bends_to_one_side_in_each_half():
+    """Another wheelbase than that of the first regression makes the relation to the sensor value nonlinear."""
+    t = DRIVEN[0]
+    wheel = np.where(t < 50, 1, -1) * radians(40) * (0.55 + 0.45 * np.sin(t / 1.8))
+    _, centres = lines_of(field_log(motion(t, np.ones(len(t)), wheel, wheelbase=1.0), counts=counts_about(432)))
+    values = [float(part.split()[0]) for part in centres.split("centre: ")[1].split("), ")]
+    assert values == pytest.approx([432] * 6, abs=1.0)
+
+
+def test_slip_of_the_steering_sensor_is_not_taken_for_two_scales():
+    t, u, wheel, *_ = path(duration=100.0, swing_deg=20.0)
+    wheel = np.where(t < 50, np.interp(t, [0, 3, 24, 27, 47, 50], np.radians([0, 26, 26, -26, -26, 0])), wheel)
+    columns = field_log(motion(t, u, wheel), counts=counts_about(432))
+    columns["steer"] += np.where(columns["t"] > 55, 20, 0)
+    told = lines_of(columns)[-1]
     assert float(told.split("moves by ")[1].split()[0]) == pytest.approx(20, abs=2)
 
 

@@ -10,6 +10,7 @@ from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.calibrate import calibrate
 from agrobot_mj.extensions.logs.checks import check_columns
 from agrobot_mj.extensions.logs.direction import with_direction
+from agrobot_mj.extensions.logs.maps import AGOPENGPS_MAP, PositionColumns
 from agrobot_mj.extensions.logs.pieces import bursts, pieces
 from agrobot_mj.extensions.logs.series import scatter
 from agrobot_mj.scenario.loading import load_scenario
@@ -120,3 +121,14 @@ def test_describe_command_accepts_words_as_fix_quality(tmp_path, call):
     assert (status, err) == (0, "")
     assert "The log has the columns for replay, identify and calibrate: " in out
     assert "position.quality = fix" in out
+
+
+def test_agopengps_speed_is_calibrated_as_the_speed_of_the_antenna():
+    """In bends, an antenna ahead of the rear axle moves faster than the axle."""
+    t, u, wheel, x, y, yaw = path(swing_deg=25.0)
+    columns = field_log((t, np.hypot(u, 1.5 * np.gradient(yaw, t)), wheel, x, y, yaw), ahead=1.5, heading=False)
+    columns |= {"time_s": columns["t"], "steer_angle_deg": -columns["steer"], "speed_km_h": 3.6 * columns["speed"]}
+    log_map = AGOPENGPS_MAP.model_copy(update={"position": PositionColumns(east="east", north="north")})
+    found = calibrate([pa.table(columns)], log_map, UTILITY).found
+    for key, true in (("position.ahead_m", 1.5), ("position.delay_s", 0.0), ("steer.scale", 1.0)):
+        assert not found[key].excludes(true), (key, found[key])

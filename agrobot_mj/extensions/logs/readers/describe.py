@@ -21,7 +21,8 @@ from agrobot_mj.extensions.logs.readers import OpenedLog
 from agrobot_mj.extensions.logs.recording import SECONDS, read_recording
 
 MOST_COLUMNS = 60  # Maximum number of columns that are described
-TIME = re.compile(r"(t|time|timestamp|stamp)(?:_?(s|ms|us|ns))?", re.I | re.A)  # Pattern of the name of a time column
+TIME = re.compile(r"(?:.*[\W_])?(?:t|time|timestamp|stamp)(?:[\W_]*(s|ms|us|ns)\W*|\W.*)?", re.I | re.A)
+"""Pattern of the name of a time column, with its unit if the name ends in a unit."""
 PLACEHOLDERS = {
     "speed": {"column": "...", "unit": "m/s"},
     "steer": {"column": "...", "unit": "deg"},
@@ -78,7 +79,7 @@ def _template(source: Source, names: Sequence[str]) -> dict[str, dict[str, Any]]
     {} if there is no time column."""
     for name in names:
         if (match := TIME.fullmatch(name)) and _increases(source, name):
-            return {"time": {"column": name, "unit": (match[2] or "s").lower()}, **PLACEHOLDERS}
+            return {"time": {"column": name, "unit": (match[1] or "s").lower()}, **PLACEHOLDERS}
     return {}
 
 

@@ -124,7 +124,13 @@ def test_shift_of_the_steering_centre_between_log_halves_is_detected(log, sound)
     t, read = (np.asarray(log.signals[name]) for name in ("t", "steer_measured"))
     at = log.signals.column_names.index("steer_measured")
     slipped = log.signals.set_column(at, "steer_measured", pa.array(read + radians(3) * (t > 20)))
-    line, *others = [line for line in sentences(calibrated(slipped), BICYCLE.tractor) if "steering centre" in line]
+    moved = calibrated(slipped)
+    for key in ("steer.offset", "position.delay_s"):
+        assert sound.found[key].identified
+        assert not moved.found[key].identified
+    told = sentences(moved, BICYCLE.tractor)
+    assert not any("Delays require" in line for line in told)
+    line, *others = [line for line in told if "steering centre" in line]
     assert line.startswith("The steering centre changes")
     assert not others
     first, second = (float(line.split(word)[1].split()[0]) for word in (" changes from ", " of the drive to "))

@@ -217,7 +217,10 @@ def test_describe_command_lists_the_possible_uses_of_a_log(tmp_path, call, rows,
     assert out.splitlines()[-1].startswith(told)
 
 
-@pytest.mark.parametrize(("header", "unit"), [("time_ms", "ms"), ("t", "s"), ("Timestamp_NS", "ns")])
+@pytest.mark.parametrize(
+    ("header", "unit"),
+    [("time_ms", "ms"), ("t", "s"), ("Timestamp_NS", "ns"), ("GPS time [ms]", "ms"), ("GNSS time (UTC)", "s")],
+)
 def test_unknown_columns_are_described_with_rates_and_a_template(call, tmp_path, header, unit):
     scale = {"s": 0.1, "ms": 100, "ns": 100_000_000}[unit]
     rows = "\n".join(f"{k * scale},{400 + k}" for k in range(20))
