@@ -198,6 +198,11 @@ def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
     return m
 
 
+def _is_plausible(ratio: float) -> bool:
+    """Return whether the ratio of two steering scales is plausible."""
+    return 1 / SLIPPED < ratio < SLIPPED
+
+
 def calibrate_log(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
     """Calibrate the sensors of a log from its segments, in which the wheel angles are raw sensor values. Raises
     `FieldLogError` for unsuitable logs."""
@@ -215,9 +220,11 @@ def calibrate_log(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibrati
     # a centre that moves resembles two scales
     sides = ("steer_right",) if rough.right != 1.0 or not moves else ()
     result = fit(data, (*_names(data), *sides), known)
+    if rough.right == 1.0 and not _is_plausible(result.values.get("steer_right", 1.0)):
+        result = fit(data, _names(data), known)  # the log is too short for separate scales
     left = result.values["steer_scale"]
     for more in (left, left * result.values.get("steer_right", rough.right) / rough.right):
-        if not 1 / SLIPPED < more < SLIPPED:
+        if not _is_plausible(more):
             raise FieldLogError(
                 f"{angles[0].name}: a model with tyre slip requires {more:.2g} times the steering angle of a model "
                 "without slip, which is not plausible; check that [steer] is the wheel angle, that the columns of "
