@@ -78,8 +78,8 @@ class Area:
     def outside(self, x: Array, y: Array, yaw: Array) -> Array:
         """Return the distances of tractor and implement beyond the boundary for n CG poses, shape (2, n) [m].
 
-        Obstacles between the corners of their outlines count. An obstacle between the ends of the implement counts at
-        least as `SWING_M` + `ENTERED_M`, so that it is not permitted.
+        Obstacles between the corners of their outlines count. If the boundary or an obstacle is between the ends of the
+        implement, the distance is at least `SWING_M` + `ENTERED_M`, which only `beyond` permits.
         """
         found = np.zeros((2, len(x)))
         for first in range(0, len(x), BLOCK):
