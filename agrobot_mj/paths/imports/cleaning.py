@@ -114,8 +114,8 @@ def cusps(points: Array, noise: float) -> Index:
     """Return the indices of the points at which a track, shape (n, 2) [m], starts or ends to drive in reverse.
 
     The changes of direction are computed between legs longer than the rms position noise `noise` [m]. Reversals at a
-    distance of less than LASTING_M from each other, or from an end of the track, are noise at standstill. If consecutive
-    points do not reverse, reversals between longer legs are tight bends.
+    distance of less than LASTING_M from each other, or from an end of the track, are noise at standstill. Without
+    reversals between consecutive points, reversals between legs are tight bends.
     """
     if not len(_reversals(points)):
         return np.array([], dtype=int)
