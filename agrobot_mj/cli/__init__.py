@@ -171,7 +171,8 @@ def _for_option(flag: str, options: set[str], context: Any) -> str:
     if key and "--set" in options:
         return f"use --set {key.dotted}={value}{reason}"
     if context.command.name == "sweep" and (key or word in ("set", "seeds")):
-        place = f"{word} = {value}" if word == "seeds" else f'"{key.dotted}" = {_as_toml(value)}' if key else "its keys"
+        count = value if value.isdecimal() else "..."
+        place = f"seeds = {count}" if word == "seeds" else f'"{key.dotted}" = {_as_toml(value)}' if key else "its keys"
         return f"add {place} to the sweep file{'' if word == 'seeds' else ', table [set]'}{reason}"
     commands = context.parent.command.commands if context.parent else {}
     having = [name for name, command in commands.items() if flag in _options(command)]
@@ -213,6 +214,7 @@ def _key(word: str) -> "Key | None":
         key._replace(dotted=f"{key.dotted}.kind", name=f"{key.name}.kind")
         for key in found
         if key.name in (word, word.removesuffix("s")) and key.kinds
+        if not isinstance(key.owner.model_fields[key.name].default, tuple)  # a list of tables, such as `fault`
     ]
     return min(tables or named, key=lambda key: key.dotted.count("."), default=None)
 

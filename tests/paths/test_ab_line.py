@@ -1,6 +1,6 @@
 """AB lines of AgOpenGPS as paths: part inside the field, and extension of lines without a field."""
 
-from math import atan2, pi
+from math import atan2, cos, pi, sin
 
 import numpy as np
 import pytest
@@ -86,11 +86,32 @@ def test_parts_inside_rings_agree_with_shapely():
     assert count > 50
 
 
-@pytest.mark.parametrize("shift", [0.0, 0.1])
-def test_line_through_corners_of_a_ring_has_one_part(shift):
-    ring = np.array([(0, 0), (10, 0), (10, 5), (5, 5 + shift), (10, 10), (0, 10)])
-    (part,) = parts_inside(np.array([(-5.0, 5.0), (0.0, 5.0), (5.0, 5.0), (30.0, 5.0)]), [ring])
-    assert part[[0, -1]].tolist() == [[0, 5], [10, 5] if shift else [5, 5]]
+def test_parts_inside_rings_with_common_corners_agree_with_shapely():
+    """On a grid of integers, lines pass through corners, run along sides, and touch the rings."""
+    shapely = pytest.importorskip("shapely")
+    rng, count = np.random.default_rng(5), 0
+    ring = np.array([(0, 0), (8, 0), (8, 8), (5, 8), (5, 4), (3, 4), (3, 8), (0, 8)])
+    for _ in range(400):
+        island, line = rng.integers(0, (9, 5), (3, 2)), rng.integers(-2, 10, (2, 2))
+        area = shapely.Polygon(ring, [island])
+        if area.is_valid and (line[0] != line[1]).any():
+            parts = [shapely.LineString(part).length for part in parts_inside(line, [ring, island])]
+            assert sum(parts) == pytest.approx(shapely.LineString(line).intersection(area).length, abs=1e-6)
+            count += 1
+    assert count > 100
+
+
+@pytest.mark.parametrize("turned", np.linspace(0.0, 2 * pi, 13))
+def test_line_along_a_side_of_the_field_ends_at_its_corners(turned):
+    ring = np.array([(0, 0), (90, 0), (90, 60), (0, 60)]) @ [[cos(turned), sin(turned)], [-sin(turned), cos(turned)]]
+    along = ring[1] - ring[0]
+    (part,) = parts_inside(np.array([ring[0] - 11 * along, ring[0] + 0.3 * along, ring[1] + 11 * along]), [ring])
+    assert part[[0, -1]] == pytest.approx(ring[:2], abs=1e-6)
+
+
+def test_repeated_points_of_a_line_are_omitted():
+    (part,) = parts_inside(np.array([(5, 5), (5, 5), (20, 5)]), [np.array([(0, 0), (10, 0), (10, 10), (0, 10)])])
+    assert part == pytest.approx(np.array([(5, 5), (10, 5)]))
 
 
 def test_ab_line_without_a_field_extends_200_m_beyond_its_points(tmp_path):

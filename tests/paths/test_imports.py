@@ -436,6 +436,18 @@ def test_position_noise_is_not_read_as_reverse_driving(tmp_path, step, noise, co
     assert max(away) < max(step, 4 * noise)
 
 
+@pytest.mark.parametrize("radius", [2.0, 2.5, 3.0, 6.0])
+@pytest.mark.parametrize("step", [1.5, 2.5, 2.9])
+def test_tight_bends_of_a_sparse_track_are_not_reverse_driving(tmp_path, radius, step):
+    """On a figure-eight with few points per bend, the third differences overestimate the position noise."""
+    loops = [arc((0, radius), radius, -90, 270), arc((0, -radius), radius, 90, -270)]
+    for start in range(0, 90, 15):
+        (track,) = spaced([np.vstack([loops[0][start:], loops[1][1:], loops[0][1:], loops[1][1:]])], step)
+        path = waypoints_of(tmp_path, with_noise([track], 0.05, 0))
+        points = np.array([path.at(t)[:2] for t in np.linspace(0, path.duration_s, 400).tolist()])
+        assert max(np.hypot(*(points - point).T).min() for point in track) < 1.0
+
+
 def test_sharp_recorded_track_keeps_its_shape(tmp_path):
     corners = np.array([(12 * (k // 2 % 2), 1.5 * ((k + 1) // 2)) for k in range(12)], dtype=float)
     track = np.vstack([each[:-1] for each in spaced([corners[k : k + 2] for k in range(11)], 0.25)])

@@ -88,6 +88,7 @@ def test_suggested_key_of_another_terrain_kind_names_that_kind():
         (("run", "circle", "--guidance", "lqr"), "use --set guidance.kind=lqr"),
         (("run", "circle", "--jobs", "3"), "--jobs is an option of compare, sweep, limit, risk, falsify, tune"),
         (("sweep", "validity", "--seeds", "3"), "add seeds = 3 to the sweep file"),
+        (("sweep", "validity", "--seeds", "x"), "add seeds = ... to the sweep file"),
         (("sweep", "validity", "--guidance", "lqr"), 'add "guidance.kind" = "lqr" to the sweep file, table [set]'),
         (("list", "--machine"), "use --machines"),
         (("list", "sweeps"), "use --sweeps"),
@@ -114,7 +115,9 @@ def test_suggested_key_for_an_unknown_option_names_its_accepted_values(call, arg
     assert last.startswith(reason)
 
 
-@pytest.mark.parametrize("arguments", [("run", "circle", "lqr"), ("run", "circle", "--qqq"), ("run",)])
+@pytest.mark.parametrize(
+    "arguments", [("run", "circle", "lqr"), ("run", "circle", "--qqq"), ("run",), ("run", "circle", "--fault", "x")]
+)
 def test_error_for_an_invalid_value_does_not_suggest_an_option(call, arguments):
     status, _, err = call(*arguments)
     assert (status, "use --" in err) == (2, False)

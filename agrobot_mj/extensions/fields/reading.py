@@ -166,14 +166,13 @@ def _in_order(file: ShapeFile, ring: Polyline) -> ShapeFile:
         return file
     areas = [_hectares(points) for points in (ring.points, ring.points[:, ::-1])]
     in_metres = any(abs(M2_PER_HA * area / stated - 1) < OTHER_AREA for area in areas)
-    area, unit = (stated / M2_PER_HA, "m2") if in_metres else (stated, "ha")
-    notes = [f"the area of {stated:g} in the file is read in m2, because it is too large in ha"] if in_metres else []
+    area, text = (stated / M2_PER_HA, f"{stated:.0f} m2") if in_metres else (stated, f"{stated:.4g} ha")
+    notes = [f"the area of {stated:.0f} in the file is read in m2, because it is too large in ha"] if in_metres else []
     given, other = (each / area for each in areas)
     if abs(other - 1) > SAME_AREA or abs(given - 1) < OTHER_AREA:
         return replace(file, notes=(*file.notes, *notes))
     notes.append(
-        f"latitude and longitude are swapped, because the area of {stated:g} {unit} in the file fits only the other "
-        "order"
+        f"latitude and longitude are swapped, because the area of {text} in the file fits only the other order"
     )
     shapes = tuple(replace(shape, points=shape.points[:, ::-1]) for shape in file.shapes)
     return replace(file, shapes=shapes, notes=(*file.notes, *notes))

@@ -114,8 +114,11 @@ def cusps(points: Array, noise: float) -> Index:
     """Return the indices of the points at which a track, shape (n, 2) [m], starts or ends to drive in reverse.
 
     The changes of direction are computed between legs longer than the rms position noise `noise` [m]. Reversals at a
-    distance of less than LASTING_M from each other, or from an end of the track, are noise at standstill.
+    distance of less than LASTING_M from each other, or from an end of the track, are noise at standstill. Without
+    reversals between consecutive points, reversals between legs are tight bends.
     """
+    if not len(_reversals(points)):
+        return np.array([], dtype=int)
     thin = space_out(points, max(SHORT_M, NOISE * noise), True)
     found = [0]
     for k in _reversals(points[thin], CUSP).tolist():

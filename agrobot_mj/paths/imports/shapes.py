@@ -12,6 +12,7 @@ from agrobot_mj.core.geometry import in_polygon
 from agrobot_mj.core.signals import Array
 
 LARGEST = 1e8  # Maximum absolute coordinate [m or deg], larger than in any map grid
+TOUCHING_M = 1e-6  # Maximum distance of a corner of a ring that touches a line [m]
 DECIMALS = 12  # Number of decimals to which crossings are rounded, so that a crossing at a corner is found only once
 DEGREES = "EPSG:4326"  # Coordinate system of latitudes and longitudes on WGS84
 
@@ -69,36 +70,45 @@ def height_column(heights: list[Any], count: int) -> dict[str, Array]:
 def parts_inside(line: Array, rings: Sequence[Array]) -> list[Array]:
     """Return the parts of a polyline, shape (n, 2), inside the first ring and outside all other rings.
 
-    Each ring has the shape (m, 2). The parts have the direction of the polyline.
+    Each ring has the shape (m, 2). Parts along the edge of this area count as inside. The parts have the direction of
+    the polyline.
     """
     corners = [[(x, y) for x, y in ring.tolist()] for ring in rings]
     parts = list[list[Array]]()
     for start, end in pairwise(line):
+        if not (length := float(np.hypot(*(end - start)))):
+            continue
+        across = 2 * TOUCHING_M / length * np.array([start[1] - end[1], end[0] - start[0]])
         marks = np.unique(np.concatenate([_crossings(start, end, ring) for ring in rings]))
         ends, ahead = np.vstack([start, start + marks[:, None] * (end - start), end]), False
         for first, last in pairwise(ends):
-            outer, *inner = (in_polygon(each, *((first + last) / 2).tolist()) for each in corners)
-            if outer and not any(inner):
-                if ahead:
-                    parts[-1][-1] = last
-                elif parts and (parts[-1][-1] == first).all():
-                    parts[-1].append(last)
-                else:
-                    parts.append([first, last])
-            ahead = outer and not any(inner)
+            middle = (first + last) / 2
+            inside = _in_area(corners, *(middle + across).tolist()) or _in_area(corners, *(middle - across).tolist())
+            if inside and ahead:
+                parts[-1][-1] = last
+            elif inside and parts and (parts[-1][-1] == first).all():
+                parts[-1].append(last)
+            elif inside:
+                parts.append([first, last])
+            ahead = inside
     return [np.array(part) for part in parts]
 
 
+def _in_area(rings: Sequence[Sequence[tuple[float, float]]], x: float, y: float) -> bool:
+    """Return whether the point (x, y) is inside the first ring and outside all other rings."""
+    outer, *inner = (in_polygon(ring, x, y) for ring in rings)
+    return outer and not any(inner)
+
+
 def _crossings(start: Array, end: Array, ring: Array) -> Array:
-    """Return the positions between the ends of a straight line at which a ring crosses the line, divided by the length
-    of the line [-]."""
+    """Return the positions between the ends of a straight line at which a ring crosses or touches the line, divided by
+    the length of the line [-]."""
     along = end - start
-    if not along.any():
-        return np.empty(0)
     x, y = (ring - start).T
     left, ahead = along[0] * y - along[1] * x, (along[0] * x + along[1] * y) / (along @ along)
+    left[np.abs(left) <= TOUCHING_M * np.hypot(*along)] = 0.0
     other, further = np.roll(left, -1), np.roll(ahead, -1)
-    crossed = (left > 0) != (other > 0)
+    crossed = np.sign(left) != np.sign(other)
     fraction = left[crossed] / (left[crossed] - other[crossed])
     found = np.round(ahead[crossed] + fraction * (further[crossed] - ahead[crossed]), DECIMALS)
     between: Array = found[(found > 0) & (found < 1)]

@@ -116,9 +116,7 @@ def test_note_states_the_distance_of_the_field_from_measured_heights(tmp_path, e
     if away is None:
         assert note == ""
     else:
-        found = re.fullmatch(
-            r"the heights are extrapolated by up to (\d+) m from measured points, at \(150, .* m", note
-        )
+        found = re.fullmatch(r"parts of .* up to (\d+) m from the nearest measured height, at \(150, .*\) m", note)
         assert float(found[1]) == pytest.approx(away, abs=2.0)
 
 

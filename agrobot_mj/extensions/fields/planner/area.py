@@ -76,12 +76,13 @@ class Area:
         return shapely.union_all([part for part in shapely.get_parts(wide) if part.area > least])
 
     def outside(self, x: Array, y: Array, yaw: Array) -> Array:
-        """Return the distances of tractor and implement beyond the boundary for n CG poses, shape (2, n) [m].
+        """Return the distances of tractor, implement and middle of the implement beyond the boundary for n CG poses,
+        shape (3, n) [m].
 
-        Obstacles between the corners of their outlines count. An obstacle between the ends of the implement counts at
-        least as `SWING_M` + `ENTERED_M`, so that it is not permitted.
+        Obstacles between the corners of their outlines count. The middle of the implement excludes the ends that may
+        swing. Its distance is 0, or `ENTERED_M` if the boundary or an obstacle is inside its outline.
         """
-        found = np.zeros((2, len(x)))
+        found = np.zeros((3, len(x)))
         for first in range(0, len(x), BLOCK):
             block = slice(first, first + BLOCK)
             found[:, block] = self._outside(x[block], y[block], yaw[block])
@@ -92,17 +93,16 @@ class Area:
         bar = x - behind * np.cos(yaw), y - behind * np.sin(yaw), yaw
         boxes = np.stack([tractor_boxes(self.rig, x, y, yaw), implement_boxes(self.rig, *bar)])
         out = ~shapely.covers(self._allowed, boxes)
-        found = np.zeros(boxes.shape)
+        found = np.zeros((3, len(x)))
         outer = boxes[out]
         corners = shapely.get_coordinates(outer).reshape(-1, 5, 2)
         away = shapely.distance(shapely.points(corners), self.whole).max(axis=1)
         between = np.flatnonzero(away <= TOLERANCE_M)  # the boundary is between the corners
         away[between] = depths(outer[between], self.whole, self._sides, ENTERED_M)
-        found[out] = away
+        found[:2][out] = away
         swung = np.flatnonzero(out[1])
         middle = implement_boxes(self._without_ends, *(values[swung] for values in bar))
-        crossed = swung[~shapely.covers(self._allowed, middle)]
-        found[1, crossed] = np.maximum(found[1, crossed], SWING_M + ENTERED_M)
+        found[2, swung[~shapely.covers(self._allowed, middle)]] = ENTERED_M
         return found
 
     @property
@@ -120,11 +120,11 @@ class Area:
         return float(self.excess(self.outside(x, y, yaw)).max()), float(across)
 
     def excess(self, outside: Array) -> Array:
-        """Return the excess of `outside` (2, n) over the permitted distance beyond the boundary, shape (n,) [m].
+        """Return the excess of `outside` (3, n) over the permitted distance beyond the boundary, shape (n,) [m].
 
         The permitted distance of the implement is larger by SWING_M, because its ends swing out in bends.
         """
-        found = (outside - self.beyond - np.array([[0.0], [SWING_M]])).max(axis=0)
+        found = (outside - self.beyond - np.array([[0.0], [SWING_M], [0.0]])).max(axis=0)
         return np.where(found > TOLERANCE_M, found, 0.0)
 
 

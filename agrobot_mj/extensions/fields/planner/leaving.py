@@ -26,11 +26,11 @@ PLACES_TOLD = 5  # Maximum number of places listed in a warning
 
 @dataclass(frozen=True)
 class Leaving:
-    """Distances of the tractor and implement beyond the boundary at n points of a course."""
+    """Distances of the machine beyond the boundary at n points of a course."""
 
     x: Array  # East coordinate of the CG [m]
     y: Array  # North coordinate of the CG [m]
-    outside: Array  # Distance of the tractor (row 0) and the implement (row 1) beyond the boundary, shape (2, n) [m]
+    outside: Array  # Distances of tractor, implement and middle of the implement (see `Area.outside`), shape (3, n) [m]
     excess: Array  # Distance by which the permitted distance beyond the boundary is exceeded [m]
     in_lap: Array  # Whether each point is on a headland lap
 
@@ -76,7 +76,7 @@ class Leaving:
 
 
 def leaving(area: Area, start: Pose, pieces: Sequence[Piece], passes: Sequence[PlannedPass] = ()) -> Leaving:
-    """Return the distances of the tractor and implement beyond the boundary along a course.
+    """Return the distances of the machine beyond the boundary along a course.
 
     The passes `passes` determine which points belong to headland laps.
     """
