@@ -138,6 +138,22 @@ def test_shift_of_the_steering_centre_between_log_halves_is_detected(log, sound)
 
 
 @quickly
+def test_one_scale_is_fitted_if_the_right_scale_is_implausible(log, sound, monkeypatch):
+    fit = calibration.fit
+
+    def poor_right_scale(data, names, known):
+        found = fit(data, names, known)
+        right = np.array([name == "steer_right" for name in found.names])
+        return found._replace(value=np.where(right, 0.5, found.value))
+
+    monkeypatch.setattr(calibration, "fit", poor_right_scale)
+    found = calibrated(log.signals).found
+    assert "steer.scale_right" in sound.found
+    assert "steer.scale_right" not in found
+    assert found["steer.scale"].value == pytest.approx(sound.found["steer.scale"].value, rel=0.05)
+
+
+@quickly
 def test_angle_in_degrees_mapped_as_radians_is_reported(log):
     at = log.signals.column_names.index("steer_measured")
     wrong = log.signals.set_column(at, "steer_measured", pc.multiply(log.signals["steer_measured"], 180 / np.pi))
