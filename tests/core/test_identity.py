@@ -19,6 +19,7 @@ LAW = """
     class Own(Stanley):
         kind: Literal["{kind}"] = "{kind}"
         gain: float = {gain}
+        "Gain of the law [-]."
 """
 
 
