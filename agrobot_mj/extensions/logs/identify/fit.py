@@ -240,7 +240,8 @@ def _bootstrap(J: Array, r: Array, information: Array, known: Array) -> tuple[Ar
     The variance of sum_w J_w' r_v is sum_w mean_v (J_w' r_v)(J_w' r_v)'. The inverse variances `known` of the priors
     are added. If neighbouring windows are correlated (slow errors of two antennas), variances are increased by the
     autocorrelations up to `SLOW_S`, with Bartlett's window [NeweyWest1987]. The degrees of freedom follow from the
-    spread of the variances between the random windows v [Satterthwaite1946].
+    spread of the variances between the random windows v [Satterthwaite1946]. They are at most the number of windows
+    minus 1, because the residuals within a window are not independent.
     """
     inverse = np.linalg.inv(information)
     A = J @ np.linalg.cholesky(inverse)  # H = A A'
@@ -251,7 +252,7 @@ def _bootstrap(J: Array, r: Array, information: Array, known: Array) -> tuple[Ar
     covariance = np.einsum("wvp,wvq->pq", g, g) / len(r) + inverse @ np.diag(known) @ inverse
     each = (g**2).sum(axis=0)
     spread = np.maximum(each.var(axis=0, ddof=1), 1e-300)
-    freedom = np.clip(2 * len(r) * each.mean(axis=0) ** 2 / spread, 1.0, len(r) ** 2)
+    freedom = np.clip(2 * len(r) * each.mean(axis=0) ** 2 / spread, 1.0, len(r) - 1)
     said = np.einsum("wwp->wp", g)
     most = min(int(SLOW_S / WINDOW_S), len(r) // 3)
     alike = [(1 - k / (most + 1)) * (said[k:] * said[:-k]).sum(axis=0) for k in range(1, most + 1)]

@@ -55,6 +55,15 @@ def test_steering_sensor_noise_does_not_reduce_identified_tyre_stiffness():
     assert np.abs(off[:, [0, 1, 5]]).max() < 1
 
 
+def test_degrees_of_freedom_are_below_the_number_of_windows():
+    """All windows have the same noise, so that the variances hardly differ between them."""
+    random, windows = np.random.default_rng(3), 4
+    J, residuals = random.standard_normal((windows, 60, 2)), random.standard_normal((windows, 60))
+    information = np.einsum("wnp,wnq->pq", J, J)
+    _, freedom = fit._bootstrap(J, residuals, information, np.zeros(2))
+    assert freedom == pytest.approx(windows - 1)
+
+
 def test_interval_of_a_parameter_fitted_at_its_bound_is_wide():
     """Noise of 0.3 deg reduces the front relaxation length of this machine to zero."""
     off = deviations(493, noise_deg=0.3, duration=120.0)
