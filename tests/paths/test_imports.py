@@ -256,7 +256,7 @@ DAMAGED = {
     "k.txt": ("$Boundary\nTrue\nmany\n", "line 3: 'many' is not a number of points"),
     "l.xml": ("<gml/>", "is XML of an unknown type; convert it to one of KML, GPX, GeoJSON"),
     "m.csv": ("lat,lon\n0,0\n1,1\n2,2\n", "extend over 222.6 km, more than 100 km; remove distant points"),
-    "n.json": ('{"type": "LineString", "coordinates": [[6.7, 452], [6.8, 452]]}', "no latitudes and longitudes"),
+    "n.json": ('{"type": "LineString", "coordinates": [[6.7, 452], [6.8, 452]]}', "not latitudes and longitudes"),
 }
 
 

@@ -24,13 +24,15 @@ NO_PRICES = Prices()  # Prices of zero, for which no costs are evaluated
 
 
 def cost(prices: Prices, areas: Mapping[str, float], time_s: float) -> dict[str, float]:
-    """Return the costs of overlaps, gaps and time, and their sum. `areas` contains overlapped and missed area [m2]."""
+    """Return the costs of overlaps, gaps and time, as far as their prices are known, and the sum of these costs.
+    `areas` contains overlapped and missed area [m2]."""
     parts = {
-        "overlap": prices.input_ha * areas["overlapped_m2"] / 1e4,
-        "missed": prices.yield_ha * areas["missed_m2"] / 1e4,
-        "time": prices.hour * time_s / 3600,
+        "overlap": (prices.input_ha, areas["overlapped_m2"] / 1e4),
+        "missed": (prices.yield_ha, areas["missed_m2"] / 1e4),
+        "time": (prices.hour, time_s / 3600),
     }
-    return {**parts, "total": sum(parts.values())}
+    costs = {name: price * amount for name, (price, amount) in parts.items() if price}
+    return {**costs, "total": sum(costs.values())}
 
 
 def effort(log: Log) -> dict[str, Any]:

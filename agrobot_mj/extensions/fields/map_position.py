@@ -107,7 +107,7 @@ def _in_local_plane(field: Field, given: dict[str, Any], file: str) -> tuple[dic
     if field.plane is None and field.elevation is None:
         notes.append(f"the coordinates of the field are assumed to be relative to the start fix in {Path(file).name}")
     if away > FAR_FROM_POINTS_M:
-        far = f"parts of the field are up to {away:.0f} m from the nearest measured height, at ({x:.0f}, {y:.0f}) m"
+        far = f"parts of the field are up to {away:.0f} m from the nearest measured height, at ({x:z.0f}, {y:z.0f}) m"
         notes.append(far)
     return {**given, ORIGIN: [round(axis, 3) for axis in place]}, "; ".join(notes)
 

@@ -77,4 +77,4 @@ def _largest_gap(found: FieldCoverage, width: float) -> str:
     if gap is None or gap.area < width**2:
         return ""
     at = gap.representative_point()
-    return f"; the largest gap is {gap.area:.0f} m2 near ({at.x:.0f}, {at.y:.0f}) m"
+    return f"; the largest gap is {gap.area:.0f} m2 near ({at.x:z.0f}, {at.y:z.0f}) m"

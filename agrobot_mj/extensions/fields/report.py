@@ -56,7 +56,7 @@ def _numbers(found: Mapping[str, Any]) -> Iterator[tuple[str, object, str]]:
     for gap in found["gaps"]:
         yield f"missed in the {gap['place']}", round(gap["area_m2"], 2), "m2"
     for name, out in found["excursions"].items():
-        at = f" at ({out['x']:.0f}, {out['y']:.0f}) m" if "x" in out else ""
+        at = f" at ({out['x']:z.0f}, {out['y']:z.0f}) m" if "x" in out else ""
         yield f"{name} outside the boundary{at}", round(out["largest_m"], 3), "m"
         yield f"area of the {name} outside the boundary", round(out["area_m2"], 2), "m2"
     yield "pass-to-pass error at the implement, 95th percentile", _round_or_blank(accuracy["pass_to_pass_p95_m"]), "m"

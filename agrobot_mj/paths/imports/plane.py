@@ -54,7 +54,9 @@ def _from_degrees(file: ShapeFile, shapes: list[Polyline], crs: str, plane: Loca
         turned = [replace(shape, points=shape.points[:, ::-1]) for shape in shapes]
         return _from_degrees(swapped, turned, crs, plane)
     if np.abs(lat).max() > 90 or np.abs(lon).max() > 360:
-        raise ValueError("the file has no latitudes and longitudes in degrees; specify its coordinate system with crs")
+        raise ValueError(
+            "the coordinates are not latitudes and longitudes in degrees; specify another coordinate system with crs"
+        )
     if plane is not None and plane.origin is not None:
         origin = plane.origin
         shapes = [replace(shape, points=_around(origin.longitude, shape.points)) for shape in shapes]

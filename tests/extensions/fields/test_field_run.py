@@ -191,6 +191,10 @@ def test_raster_of_a_field_without_geographic_position_is_in_metres(tmp_path):
 def test_cost_of_a_field_run_is_proportional_to_areas_and_time():
     found = cost(Prices(200.0, 1000.0, 60.0), {"overlapped_m2": 500.0, "missed_m2": 100.0}, 1800.0)
     assert found == pytest.approx({"overlap": 10.0, "missed": 10.0, "time": 30.0, "total": 50.0})
+    assert cost(Prices(hour=60.0), {"overlapped_m2": 500.0, "missed_m2": 100.0}, 1800.0) == {
+        "time": 30.0,
+        "total": 30.0,
+    }
 
 
 def test_driven_distance_of_a_field_run_agrees_with_its_plan(driven):

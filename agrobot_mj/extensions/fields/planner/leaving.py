@@ -50,7 +50,7 @@ class Leaving:
         part of the course leaves the field."""
         values = np.where(self.in_lap, 0.0, self.excess) if self.turns else self.excess
         k = int(np.argmax(values))
-        return f"{self.outside[:, k].max():.2f} m near ({self.x[k]:.0f}, {self.y[k]:.0f}) m"
+        return f"{self.outside[:, k].max():.2f} m near ({self.x[k]:z.0f}, {self.y[k]:z.0f}) m"
 
     def surroundings(self, area: BaseGeometry) -> BaseGeometry:
         """Return discs around the points at which turns leave the field. A disc extends into `area` by the excess."""
@@ -70,7 +70,7 @@ class Leaving:
         """Return a text with the maximum distance beyond the boundary, and the positions of local maxima, rounded to 1
         m."""
         places = sorted(_peaks(outside, WARNED_M), key=lambda k: -outside[k])
-        told = list(dict.fromkeys(f"({self.x[k]:.0f}, {self.y[k]:.0f})" for k in places))
+        told = list(dict.fromkeys(f"({self.x[k]:z.0f}, {self.y[k]:z.0f})" for k in places))
         more = f" and {len(told) - PLACES_TOLD} more" if len(told) > PLACES_TOLD else ""
         return f"up to {outside[places[0]]:.2f} m at {', '.join(told[:PLACES_TOLD])} m{more}"
 

@@ -16,7 +16,7 @@ import shapely
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.extensions.fields.plan import Plan, PlannedPass
-from agrobot_mj.extensions.fields.planner.area import TOLERANCE_M, Area, area_of
+from agrobot_mj.extensions.fields.planner.area import Area, area_of
 from agrobot_mj.extensions.fields.planner.joins import Shape, depth_of_turn, join
 from agrobot_mj.extensions.fields.planner.laps import Ring, lap, pieces_of, start_at
 from agrobot_mj.extensions.fields.planner.leaving import Leaving, leaving
@@ -33,6 +33,7 @@ TRIES = 6  # Maximum number of further attempts with additional laps, or with th
 FILLINGS = 16  # Maximum number of attempts with swaths in parts of the headland
 WIDER = 3  # Maximum number of attempts with a margin for turns
 MARGIN_STEP_M = 0.02  # Amount added to an excess distance beyond the boundary to obtain the increase of the margin [m]
+CROSSED_M = 0.5  # Minimum length of a crossing of the swaths that is reported [m]
 CLOSE_M = 1e-3  # Distance below which two poses count as equal [m]
 GOALS_TRIED = 6  # Number of possible starts of the next pass, nearest first, to which connections are computed
 OMITTED = 2.0  # Length below which an undrivable lap is omitted [turning circles]. Assumed value.
@@ -83,7 +84,7 @@ class _Work:
         ranked = sorted(range(len(goals)), key=lambda k: shortest_arcs(self.pose, goals[k], reach))[:GOALS_TRIED]
         joins = {k: join(self.area, self.pose, goals[k], self.options.turn) for k in ranked}
         chosen = min(joins, key=lambda k: joins[k].cost)
-        if joins[chosen].across > TOLERANCE_M:
+        if joins[chosen].across > CROSSED_M:
             self.crossings.append((self.pose, joins[chosen].across))
         self.go(joins[chosen].pieces)
         return chosen
@@ -94,7 +95,9 @@ class _Work:
         if (course := lap(ring, self.rig)) is None:
             x, y = ring.points[0]
             radius = self.rig.path.turn_radius_m
-            narrow = f"lap {ring.number + 1} near ({x:.0f}, {y:.0f}) m is too narrow for a turn radius of {radius:g} m"
+            narrow = (
+                f"lap {ring.number + 1} near ({x:z.0f}, {y:z.0f}) m is too narrow for a turn radius of {radius:.3g} m"
+            )
             if ring.line.length > OMITTED * 2 * pi * radius:
                 raise ScenarioError(
                     f"--headlands {self.options.headlands}: {narrow}; use fewer laps or a smaller --radius"
@@ -155,7 +158,7 @@ class _Work:
     def plan(self, name: str, headlands: int, margin: float, notes: Sequence[str]) -> Plan:
         """Return the finished plan. The warnings of the plan start with `notes`."""
         crossing = [
-            f"a connection from ({pose.x:.0f}, {pose.y:.0f}) m crosses the area of the swaths over {length:.0f} m"
+            f"a connection from ({pose.x:z.0f}, {pose.y:z.0f}) m crosses the area of the swaths over {length:.0f} m"
             for pose, length in self.crossings
         ]
         frame = self.layout and self.layout.frame
