@@ -180,7 +180,9 @@ def _verdict(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
         )
         return found(verdict="never_fails", limit=None, interval=None, statement=text)
     if not works:
-        text = f"{name} fails at all evaluated values, starting at {q.key} = {tried[0].value:g} ({tried[0].share})"
+        text = (
+            f"{name} fails at all evaluated values, starting at {q.key} = {tried[0].value:g} ({tried[0].share} succeed)"
+        )
         return found(verdict="always_fails", limit=None, interval=None, statement=text)
     if not tried[0].holds:
         first, there = tried[0], ", ".join(f"{t.value:g}" for t in works)
@@ -194,8 +196,8 @@ def _verdict(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
     # With few runs, the success rate varies by chance.
     few = q.seeds < runs_needed(q.reliability, q.confidence)
     again = [t.value for t in tried[first_bad:] if t.holds and (t.certain or few)]
-    text = f"{name} succeeds up to {q.key} = {good.value:g} ({good.share})"
-    text += f" and fails from {bad.value:g} ({bad.share}; {terms})"
+    text = f"{name} succeeds up to {q.key} = {good.value:g} ({good.share} succeed)"
+    text += f" and fails from {bad.value:g} ({bad.share} succeed; {terms})"
     if (good.value, bad.value) != interval:
         text += f"; at this confidence it succeeds at {interval[0]:g} and fails at {interval[1]:g}"
     if again:
