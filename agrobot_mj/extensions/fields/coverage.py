@@ -5,7 +5,7 @@ in `covered_m2` and once in `overlapped_m2`, so that the field area equals both 
 overlapped + missed area.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -67,18 +67,20 @@ def _areas(found: FieldCoverage, region: BaseGeometry) -> dict[str, float]:
 
 def gaps(found: FieldCoverage) -> list[dict[str, Any]]:
     """Return the missed areas inside the headland and on each side of the headland [m2], in decreasing order."""
-    middle = found.field.centroid
-    sums: dict[str, float] = {}
-    for part, region in (("headland", found.field.difference(found.body)), ("body", found.body)):
-        for piece in shapely.get_parts(found.missed.intersection(region)):
-            if piece.area > SLIVER_M2:
-                at = piece.representative_point()
-                place = (
-                    f"{side_of(at.x - middle.x, at.y - middle.y, found.field)} headland" if part == "headland" else part
-                )
-                sums[place] = sums.get(place, 0.0) + piece.area
+    headland = found.missed.intersection(found.field.difference(found.body))
+    sums = {f"{side} headland": headland.intersection(sector).area for side, sector in _sectors(found.field)}
+    sums["body"] = found.missed.intersection(found.body).area
     ranked = sorted(sums.items(), key=lambda each: -each[1])
-    return [{"place": place, "area_m2": area} for place, area in ranked]
+    return [{"place": place, "area_m2": area} for place, area in ranked if area > SLIVER_M2]
+
+
+def _sectors(field: BaseGeometry) -> Iterator[tuple[str, BaseGeometry]]:
+    """Yield the name of each side of the field, and the triangle of all points on this side (see `side_of`)."""
+    middle, (west, south, east, north) = field.centroid, field.bounds
+    x, y = 2 * (east - west), 2 * (north - south)  # beyond the field
+    corners = [(x, -y), (x, y), (-x, y), (-x, -y)]
+    for side, ends in zip(SIDES, zip(corners, [*corners[1:], corners[0]], strict=True), strict=True):
+        yield side, shapely.Polygon([(middle.x, middle.y), *((middle.x + a, middle.y + b) for a, b in ends)])
 
 
 def side_of(east: float, north: float, field: BaseGeometry) -> str:

@@ -18,6 +18,7 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.results import atomic, write_json
 from agrobot_mj.studies.style import write_figure
 
+NARROW = 0.2  # Maximum width of a narrow strip, divided by the working width [-]. Assumed value.
 MISSED_PERCENT = 10.0  # Missed area of a plan above which its summary states a remedy [%]. Assumed value.
 
 
@@ -72,8 +73,13 @@ def plan_text(plan: Plan, field: Field, depth: float) -> tuple[str, dict[str, An
 
 
 def _largest_gap(found: FieldCoverage, width: float) -> str:
-    """Return a text about the largest gap, or an empty text if it is smaller than a square of `width` [m]."""
-    gap = max(shapely.get_parts(found.missed), key=lambda each: each.area, default=None)
+    """Return a text about the largest gap, or an empty text if it is smaller than a square of `width` [m].
+
+    Narrow strips along the boundary do not count.
+    """
+    narrow = NARROW * width / 2
+    wide = found.missed.buffer(-narrow).buffer(narrow, join_style="mitre").intersection(found.missed)
+    gap = max(shapely.get_parts(wide), key=shapely.area, default=None)
     if gap is None or gap.area < width**2:
         return ""
     at = gap.representative_point()

@@ -50,6 +50,8 @@ def read_field(path: Path, crs: str = "", name: str = "") -> Field:
         chosen, notes = _choose_field(groups, name)
         if _is_open_line(file.shapes, chosen[0].points):
             notes.append("the file has no closed ring; the ends of a line are joined to form the boundary")
+        if any(shape.ring for shape in file.shapes) and (count := sum(each.role == "point" for each in file.shapes)):
+            notes.append(f"single points ({count}) are omitted; draw obstacles as polygons")
         inside = [group for group in groups if group is not chosen and _is_within(group[0].points, chosen[0].points)]
         shapes = [*chosen, *(replace(group[0], role="inner") for group in inside)]
         file, label = _in_order(replace(file, shapes=tuple(shapes)), chosen[0]), chosen[0].name or file.name

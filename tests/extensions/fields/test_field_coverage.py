@@ -112,6 +112,17 @@ def test_missed_areas_are_reported_with_their_location_in_the_field():
     assert [(gap["place"], round(gap["area_m2"])) for gap in found] == [("west headland", 50), ("body", 4)]
 
 
+@pytest.mark.parametrize("notch", [0.0, 30.0])
+def test_missed_strip_along_the_boundary_counts_on_each_side(notch):
+    field = shapely.box(0, 0, 100, 50).difference(shapely.box(60, 50 - notch, 100, 50))
+    worked_ground = field.buffer(-1.0, join_style="mitre")
+    found = {each["place"]: each["area_m2"] for each in gaps(coverage(field, EMPTY, [worked_ground]))}
+    assert sum(found.values()) == pytest.approx(field.area - worked_ground.area)
+    if not notch:
+        sides = {"east": 50.0, "west": 50.0, "north": 98.0, "south": 98.0}  # divided by the diagonals
+        assert found == pytest.approx({f"{side} headland": area for side, area in sides.items()})
+
+
 def test_compass_direction_of_the_nearest_field_side_is_named():
     field = shapely.box(0, 0, 100, 20)
     assert [side_of(*at, field) for at in ((49, 1), (-45, 2), (3, 9), (-2, -8))] == ["east", "west", "north", "south"]

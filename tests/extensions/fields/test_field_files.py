@@ -1,5 +1,6 @@
 """Fields from every file format: equal polygons, and the names, obstacles and headlands in the files."""
 
+import json
 import zipfile
 from warnings import catch_warnings
 
@@ -41,6 +42,17 @@ def test_obstacles_are_read_from_areas_and_from_boundary_holes(tmp_path):
     for name in ("v3.xml", "obstacle.geojson"):
         (obstacle,) = field_of(tmp_path, name, FILES[name]).obstacles
         assert obstacle.area == pytest.approx(300, rel=1e-3)
+
+
+def test_obstacle_given_as_a_single_point_is_reported(tmp_path):
+    text = json.loads(FILES["obstacle.geojson"])
+    text["features"].append(
+        {"type": "Feature", "properties": {}, "geometry": {"type": "Point", "coordinates": [6, 52]}}
+    )
+    assert any(
+        "single points (1) are omitted" in note for note in field_of(tmp_path, "a.geojson", json.dumps(text)).notes
+    )
+    assert not field_of(tmp_path, "b.geojson", FILES["obstacle.geojson"]).notes
 
 
 def test_field_file_with_projected_coordinates_gives_the_same_field(tmp_path):
