@@ -580,7 +580,7 @@ def test_invalid_number_of_an_option_is_quoted_in_the_message(call, value, probl
         (("risk", "circle"), "option '--until CONDITION'", "e.g. 'xte_rms > 0.3'"),
     ],
 )
-def test_message_about_a_missing_option_states_its_meaning(call, arguments, name, meaning):
+def test_error_for_a_missing_option_explains_the_option(call, arguments, name, meaning):
     status, _, said = call(*arguments)
     assert status == 2
     assert f"Missing {name}. " in said

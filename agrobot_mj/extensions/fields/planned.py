@@ -14,7 +14,7 @@ def planned_coverage(plan: Plan, whole: BaseGeometry, body: BaseGeometry) -> Fie
 
     `whole` is the field area, and `body` the area inside the headland laps.
     """
-    motion, boom = planned_motion(plan), Boom(plan.width, max((len(one.sections) for one in plan.passes), default=1))
+    motion, boom = planned_motion(plan), Boom(plan.width, plan.sections)
     ground = [
         worked_area(motion, [span if span[1] > span[0] else None for span in one.sections], boom) for one in plan.passes
     ]

@@ -80,6 +80,11 @@ class TurningSamples(NamedTuple):
     angle: Array  # Wheel angle that gives the measured yaw rate without slip [rad], shape (n,)
     weight: Array  # Weights of the samples, shape (n,)
 
+    def reading_at(self, age: float) -> Array:
+        """Return the raw sensor values for the latency in `AGES_S` that is nearest to `age` [s], shape (n,)."""
+        found: Array = self.reading[int(np.abs(AGES_S - age).argmin())]
+        return found
+
     def with_wheelbase(self, ratio: float) -> "TurningSamples":
         """Return the samples for a wheelbase that is multiplied by `ratio`."""
         angle = np.arctan(ratio * np.tan(self.angle))
@@ -143,14 +148,13 @@ def _line(reading: Array, angle: Array, weight: Array) -> tuple[float, float, fl
         slope, level = np.polyfit(reading[kept], angle[kept], 1, w=weight[kept])
         off = weight * (angle - slope * reading - level)
         kept = np.abs(off) < OUTLIER * 1.4826 * np.median(np.abs(off)) + 1e-12
-    spread = weight * (angle - np.average(angle, weights=weight**2))
-    return 1.0 - float((off**2).sum() / (spread**2).sum()), float(slope), float(-level / slope)
+    return _explained_fraction(off, angle, weight), float(slope), float(-level / slope)
 
 
 def most_linear(found: TurningSamples, line: RoughSteering, ratios: Sequence[float]) -> float:
     """Return the factor of the wheelbase, from `ratios`, with which a line at the latency of `line` explains the most
     variance of the wheel angle. Return 1 if the unexplained variance hardly depends on the wheelbase."""
-    reading = found.reading[int(np.abs(AGES_S - line.age).argmin())]
+    reading = found.reading_at(line.age)
     tried = ((found.with_wheelbase(ratio), ratio) for ratio in ratios)
     explained, ratio = max((_line(reading, each.angle, each.weight)[0], ratio) for each, ratio in tried)
     return ratio if 1.0 - explained < MORE_LINEAR * (1.0 - line.explained) else 1.0
@@ -163,7 +167,7 @@ def two_sided(found: TurningSamples, line: RoughSteering) -> RoughSteering:
     scale with a separate centre in each block."""
     if min(np.mean(side * found.angle > SIDE_RAD) for side in (1, -1)) < LEAST_SIDE:
         return line
-    samples = np.stack([found.reading[int(np.abs(AGES_S - line.age).argmin())], found.angle, found.weight])
+    samples = np.stack([found.reading_at(line.age), found.angle, found.weight])
     whole = _meeting(samples, line)
     block = np.arange(samples.shape[1]) * BLOCKS // samples.shape[1]
     parts = [_meeting(samples[:, block != k], line) for k in range(BLOCKS)]
@@ -177,8 +181,13 @@ def _explained_by_blocks(samples: Array, block: Array) -> float:
     _, angle, weight = samples
     terms = weight * np.vstack([samples[0], block == np.arange(BLOCKS)[:, None]])
     off = weight * angle - np.linalg.lstsq(terms.T, weight * angle)[0] @ terms
+    return _explained_fraction(off, angle, weight)
+
+
+def _explained_fraction(off: Array, angle: Array, weight: Array) -> float:
+    """Return the fraction of the variance of `angle` that a fit with the weighted residuals `off` explains [-]."""
     spread = weight * (angle - np.average(angle, weights=weight**2))
-    return 1.0 - float(off @ off / (spread @ spread))
+    return 1.0 - float((off**2).sum() / (spread**2).sum())
 
 
 def _meeting(samples: Array, line: RoughSteering) -> RoughSteering:
@@ -198,8 +207,7 @@ def _meeting(samples: Array, line: RoughSteering) -> RoughSteering:
         found = line._replace(centre=centre, scale=left, right=right / left if left else 1.0)
         off = weight * (angle - found.wheel(reading))
         kept = np.abs(off) < OUTLIER * 1.4826 * np.median(np.abs(off)) + 1e-12
-    spread = weight * (angle - np.average(angle, weights=weight**2))
-    return found._replace(explained=1.0 - float((off**2).sum() / (spread**2).sum()))
+    return found._replace(explained=_explained_fraction(off, angle, weight))
 
 
 def _slopes(samples: Array, centre: float, scale: float) -> tuple[float, float, float]:
@@ -218,7 +226,7 @@ def centre_of(kept: Sequence[FieldRecording], wheelbase: float, rough: RoughStee
     """Return the mean steering centre for `rough` with its standard error, or None without samples in motion."""
     if (found := turning(kept, wheelbase)) is None:
         return None
-    read = found.reading[int(np.abs(AGES_S - rough.age).argmin())]
+    read = found.reading_at(rough.age)
     centre, weight = rough.less_wheel(read, found.angle), found.weight**2
     split = (np.array_split(each, min(BLOCKS, len(centre))) for each in (centre, weight))
     blocks = [np.average(values, weights=weights) for values, weights in zip(*split, strict=True)]

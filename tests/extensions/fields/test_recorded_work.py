@@ -151,7 +151,7 @@ def test_field_compare_reports_a_strip_recorded_beside_the_true_strip(driven, ca
     assert (tmp_path / "out" / "recorded.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_sections_work_while_a_host_without_section_states_steers(driven, tmp_path):
+def test_all_sections_work_while_a_host_steers_without_switching_them(driven, tmp_path):
     table = pq.read_table(driven / "run" / "link.parquet")
     silent = encode(SteerData(1.5, 1, 0.0, 255, 0))
     way, data = (table[name].to_pylist() for name in ("direction", "bytes"))
